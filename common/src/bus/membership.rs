@@ -1,0 +1,162 @@
+use std::{fs, path::PathBuf, sync::Arc};
+
+use iceoryx2::{
+    config::Config,
+    node::{Node, NodeBuilder},
+    prelude::{FileName, Path, SemanticString, SignalHandlingMode},
+    service::attribute::AttributeVerifier,
+};
+
+use super::{
+    BusError, Service, Topic,
+    messages::{Publisher, Subscriber},
+};
+use crate::{
+    name::DomainName,
+    wire::{Message, WIRE_VERSION},
+};
+
+/// Key of the attribute that every service carries, so that peers of two wire versions are told apart
+/// by more than the size of their messages.
+const VERSION_KEY: &str = "netcord-wire-version";
+
+/// A process's membership of one domain. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Bus {
+    pub(super) node: Arc<Node<Service>>,
+    domain: DomainName,
+}
+
+/// The files of a domain that no process lives in any more.
+#[derive(Debug)]
+pub struct DomainRemains {
+    domain: DomainName,
+}
+
+/// Where iceoryx2 keeps a domain's service and node files (not its payloads: those are in /dev/shm).
+fn root(domain: &DomainName) -> PathBuf {
+    std::env::temp_dir().join("netcord").join(domain.as_str())
+}
+
+/// Prefix of a domain's names in /dev/shm.
+fn prefix(domain: &DomainName) -> String {
+    format!("netcord_{domain}_")
+}
+
+fn config(domain: &DomainName) -> Result<Config, BusError> {
+    let root = root(domain);
+    fs::create_dir_all(&root)
+        .map_err(|cause| BusError::Directory { path: root.display().to_string(), cause })?;
+    let join = |cause: String| BusError::Join { domain: domain.to_string(), cause };
+    let mut config = Config::default();
+    let path = root.to_string_lossy();
+    config.global.set_root_path(&Path::new(path.as_bytes()).map_err(|e| join(format!("{path}: {e:?}")))?);
+    config.global.prefix = FileName::new(prefix(domain).as_bytes()).map_err(|e| join(format!("{e:?}")))?;
+    Ok(config)
+}
+
+impl Bus {
+    /// Joins `domain` as `process` (a stage's or tool's name). Remains of processes that have died
+    /// there are cleaned up on the way.
+    ///
+    /// # Errors
+    /// [`BusError::Directory`] and [`BusError::Join`].
+    pub fn join(domain: &DomainName, process: &str) -> Result<Self, BusError> {
+        let join = |cause: String| BusError::Join { domain: domain.to_string(), cause };
+        let config = config(domain)?;
+        let name = process.try_into().map_err(|e| join(format!("{e:?}")))?;
+        let node = NodeBuilder::new()
+            .config(&config)
+            .name(&name)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Service>()
+            .map_err(|e| join(format!("{e:?}")))?;
+        Ok(Self { node: Arc::new(node), domain: domain.clone() })
+    }
+
+    /// The domain.
+    pub const fn domain(&self) -> &DomainName {
+        &self.domain
+    }
+
+    /// Reclaims what processes that died have left in the domain: their ports and memory. Returns how
+    /// many processes that were.
+    pub fn clean_up_dead(&self) -> u64 {
+        self.node.try_cleanup_dead_nodes().cleanups
+    }
+
+    /// Opens the writing end of `topic`.
+    ///
+    /// # Errors
+    /// [`BusError::SecondWriter`], [`BusError::WireVersion`], [`BusError::NoMemory`] and
+    /// [`BusError::Service`].
+    pub fn publisher<T: Message>(&self, topic: &Topic<T>) -> Result<Publisher<T>, BusError> {
+        Publisher::open(self, topic)
+    }
+
+    /// Opens a reading end of `topic`.
+    ///
+    /// # Errors
+    /// [`BusError::TooMany`], [`BusError::WireVersion`] and [`BusError::Service`].
+    pub fn subscriber<T: Message>(&self, topic: &Topic<T>) -> Result<Subscriber<T>, BusError> {
+        Subscriber::open(self, topic)
+    }
+
+    pub(super) fn version_wanted(&self) -> AttributeVerifier {
+        let version = WIRE_VERSION.to_string();
+        AttributeVerifier::new()
+            .require(
+                &VERSION_KEY.try_into().expect("a short key"),
+                &version.as_str().try_into().expect("a short value"),
+            )
+            .expect("one attribute")
+    }
+}
+
+impl DomainRemains {
+    /// Names the remains of `domain`.
+    pub fn of(domain: &DomainName) -> Self {
+        Self { domain: domain.clone() }
+    }
+
+    /// Removes what is left of the domain in /dev/shm and in its directory; to be called when its last
+    /// process has ended. Returns how many files went.
+    ///
+    /// iceoryx2 leaves one small management segment per domain by design; everything else here is what
+    /// processes that died have left.
+    ///
+    /// # Errors
+    /// [`BusError::Directory`] when a file cannot be removed.
+    pub fn remove(&self) -> Result<usize, BusError> {
+        let mut removed = 0;
+        for path in self.files() {
+            match fs::remove_file(&path) {
+                Ok(()) => removed += 1,
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+                Err(cause) => return Err(BusError::Directory { path: path.display().to_string(), cause }),
+            }
+        }
+        let root = root(&self.domain);
+        match fs::remove_dir_all(&root) {
+            Ok(()) => {}
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+            Err(cause) => return Err(BusError::Directory { path: root.display().to_string(), cause }),
+        }
+        // Its parent is shared by all domains: it goes with the last of them.
+        if let Some(parent) = root.parent() {
+            let _ = fs::remove_dir(parent);
+        }
+        Ok(removed)
+    }
+
+    /// The domain's files in /dev/shm.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let prefix = prefix(&self.domain);
+        let Ok(entries) = fs::read_dir("/dev/shm") else { return Vec::new() };
+        entries
+            .flatten()
+            .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+            .map(|e| e.path())
+            .collect()
+    }
+}
