@@ -10,16 +10,25 @@
 //! # Ok::<(), netcord_common::camera::CameraModelError>(())
 //! ```
 
+mod allocations;
 pub mod bus;
 pub mod camera;
+mod counters;
 mod frame_view;
 pub mod geometry;
 mod name;
 mod pixel;
+pub mod realtime;
+pub mod rig;
+mod shutdown;
+pub mod telemetry;
 mod time;
 pub mod wire;
 
+pub use allocations::{CountingAllocator, allocations};
+pub use counters::{Count, Counters, HealthReporter};
 pub use frame_view::{FrameView, FrameViewError};
 pub use name::{CameraName, DomainName, MAX_NAME_LEN, NameError};
 pub use pixel::{Channel, PixelFormat, PixelFormatError};
+pub use shutdown::Shutdown;
 pub use time::{Clock, ManualClock, MonotonicClock, Stamp, unix_minus_monotonic_ns};

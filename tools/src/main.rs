@@ -1,2 +1,19 @@
-//! netcord.
-fn main() {}
+//! `netcord`: one executable, each subcommand a process of its own.
+
+mod cli;
+mod commands;
+mod exit;
+mod plot;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+use netcord_common::CountingAllocator;
+
+/// Counts allocations, so that "none per frame" shows in every process's health.
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+fn main() -> ExitCode {
+    exit::code_of(cli::Cli::parse().run())
+}

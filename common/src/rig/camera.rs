@@ -1,0 +1,82 @@
+use serde::Deserialize;
+
+use crate::{
+    camera::{CameraModel, INTRINSICS},
+    geometry::{Camera, Transform, World},
+    name::CameraName,
+    pixel::PixelFormat,
+    wire::MAX_CAMERAS,
+};
+
+/// The place of a camera in its rig file, from 0: the index of per-camera arrays in messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CameraIndex(u8);
+
+impl CameraIndex {
+    /// The index `index`; `None` from [`MAX_CAMERAS`] on.
+    pub fn new(index: usize) -> Option<Self> {
+        (index < MAX_CAMERAS).then(|| Self(u8::try_from(index).expect("at most 16")))
+    }
+
+    /// For arrays.
+    pub const fn get(self) -> usize {
+        self.0 as usize
+    }
+
+    /// For messages.
+    pub const fn code(self) -> u32 {
+        self.0 as u32
+    }
+
+    /// The bit of masks in messages.
+    pub const fn bit(self) -> u32 {
+        1 << self.0
+    }
+}
+
+/// How a camera is told to expose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum TriggerRole {
+    /// By a command from the host, at the rig's rate.
+    #[default]
+    Software,
+    /// By an impulse on a line: from the master's strobe, or from outside.
+    Hardware,
+    /// By itself, at its own rate.
+    FreeRun,
+}
+
+/// Standard deviations of `fx fy cx cy k1 k2 p1 p2 k3`, as calibration found them.
+pub type IntrinsicsSigma = [f64; INTRINSICS];
+
+/// One camera of a rig.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigCamera {
+    /// Its name in services, topics and reports.
+    pub name: CameraName,
+    /// Its place in the rig file.
+    pub index: CameraIndex,
+    /// The device's serial number; empty for a camera that exists only in a scene or a recording.
+    pub serial: String,
+    /// The mosaic, as it truly is (some devices name it wrongly).
+    pub pixel_format: PixelFormat,
+    /// Length of the exposure, ns.
+    pub exposure_ns: u64,
+    /// Gain, dB.
+    pub gain_db: f64,
+    /// How it is told to expose.
+    pub trigger: TriggerRole,
+    /// Whether it strobes its exposure for the others.
+    pub master: bool,
+    /// Input line of the trigger and output line of the strobe, by their GenICam names.
+    pub line: Option<String>,
+    /// Time from the trigger impulse to the start of the exposure, ns.
+    pub line_delay_ns: u64,
+    /// Intrinsics.
+    pub model: CameraModel,
+    /// Standard deviations of the intrinsics, where calibration gave them.
+    pub intrinsics_sigma: Option<IntrinsicsSigma>,
+    /// Pose in the world frame.
+    pub camera_from_world: Transform<Camera, World>,
+}

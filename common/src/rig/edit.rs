@@ -1,0 +1,238 @@
+use std::{
+    fs,
+    io::Write as _,
+    path::{Path, PathBuf},
+};
+
+use nalgebra::{Matrix3, Vector3};
+use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
+
+use super::{IntrinsicsSigma, Rig, RigError};
+use crate::{camera::CameraModel, name::CameraName};
+
+/// What calibration notes beside its result.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CalibrationNote {
+    /// Day of the calibration, ISO 8601.
+    pub date: String,
+    /// The board, in words.
+    pub board: String,
+    /// Frames used.
+    pub frames: u64,
+    /// Root mean square reprojection error, px.
+    pub rms_px: f64,
+}
+
+/// A rig file being changed: comments and order are kept, and nothing is written until [`Self::save`].
+#[derive(Debug, Clone)]
+pub struct RigEdit {
+    path: PathBuf,
+    document: DocumentMut,
+}
+
+impl RigEdit {
+    /// Opens a rig file for changing; it need not be complete yet.
+    ///
+    /// # Errors
+    /// [`RigError`] when it cannot be read or is no TOML.
+    pub fn open(path: &Path) -> Result<Self, RigError> {
+        let text = fs::read_to_string(path).map_err(|cause| RigError::File {
+            doing: "read",
+            path: path.to_owned(),
+            cause,
+        })?;
+        let document = text
+            .parse::<DocumentMut>()
+            .map_err(|e| RigError::at(path, &text, e.span().unwrap_or_default().start, e.message().trim()))?;
+        Ok(Self { path: path.to_owned(), document })
+    }
+
+    /// Begins a rig file that is not there yet.
+    pub fn create(path: &Path, name: &str) -> Self {
+        let mut document = DocumentMut::new();
+        document["name"] = value(name);
+        Self { path: path.to_owned(), document }
+    }
+
+    /// Names of the cameras in the file.
+    pub fn camera_names(&self) -> Vec<String> {
+        let Some(cameras) = self.document.get("camera").and_then(Item::as_array_of_tables) else {
+            return Vec::new();
+        };
+        cameras.iter().filter_map(|c| c.get("name")?.as_str().map(str::to_owned)).collect()
+    }
+
+    /// The table of the camera called `name`, for keys that have no method here; it is added at the end
+    /// where there was none.
+    pub fn camera(&mut self, name: &CameraName) -> &mut Table {
+        let cameras = self.document["camera"]
+            .or_insert(Item::ArrayOfTables(toml_edit::ArrayOfTables::new()))
+            .as_array_of_tables_mut()
+            .expect("the rig file's cameras are [[camera]] tables");
+        let place = cameras.iter().position(|c| c.get("name").and_then(Item::as_str) == Some(name.as_str()));
+        let place = place.unwrap_or_else(|| {
+            let mut table = Table::new();
+            table["name"] = value(name.as_str());
+            cameras.push(table);
+            cameras.len() - 1
+        });
+        cameras.get_mut(place).expect("found or just added")
+    }
+
+    /// The whole document, for keys that have no method here.
+    pub fn document_mut(&mut self) -> &mut DocumentMut {
+        &mut self.document
+    }
+
+    /// Sets a camera's intrinsics and image size.
+    pub fn set_intrinsics(
+        &mut self,
+        name: &CameraName,
+        model: &CameraModel,
+        sigma: Option<&IntrinsicsSigma>,
+        note: Option<&CalibrationNote>,
+    ) {
+        let camera = self.camera(name);
+        camera["width"] = value(i64::from(model.width));
+        camera["height"] = value(i64::from(model.height));
+        let mut table = Table::new();
+        for (key, number) in [("fx", model.fx), ("fy", model.fy), ("cx", model.cx), ("cy", model.cy)] {
+            table[key] = value(number);
+        }
+        table["distortion"] = numbers(&model.distortion.to_array());
+        if let Some(sigma) = sigma {
+            table["sigma"] = numbers(sigma);
+        }
+        if let Some(note) = note {
+            table["calibrated"] = note_item(note);
+        }
+        camera["intrinsics"] = Item::Table(table);
+    }
+
+    /// Sets a camera's pose: `camera_from_first`, R and t in metres.
+    pub fn set_pose(
+        &mut self,
+        name: &CameraName,
+        rotation: &Matrix3<f64>,
+        translation_m: &Vector3<f64>,
+        sigma: Option<&[f64; 6]>,
+        note: Option<&CalibrationNote>,
+    ) {
+        let pose = pose_table(rotation, translation_m, sigma, note);
+        self.camera(name)["pose"] = Item::Table(pose);
+    }
+
+    /// Sets the table's pose: `first_from_table`, R and t in metres.
+    pub fn set_table(
+        &mut self,
+        rotation: &Matrix3<f64>,
+        translation_m: &Vector3<f64>,
+        sigma: Option<&[f64; 6]>,
+        note: Option<&CalibrationNote>,
+    ) {
+        self.document["table"] = Item::Table(pose_table(rotation, translation_m, sigma, note));
+    }
+
+    /// The file's text as it would be written.
+    pub fn text(&self) -> String {
+        self.document.to_string()
+    }
+
+    /// What the file would mean.
+    ///
+    /// # Errors
+    /// As [`Rig::parse`].
+    pub fn resolve(&self) -> Result<Rig, RigError> {
+        Rig::parse(&self.text(), &self.path)
+    }
+
+    /// Writes into a new file and renames it over the old one, which is kept as `<file>.bak`: a reader
+    /// sees the old or the new, never a part.
+    ///
+    /// # Errors
+    /// [`RigError::File`].
+    pub fn save(&self) -> Result<(), RigError> {
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            move |cause| RigError::File { doing: "write", path, cause }
+        };
+        let with = |suffix: &str| {
+            let mut name = self.path.clone().into_os_string();
+            name.push(suffix);
+            PathBuf::from(name)
+        };
+        let (new, old) = (with(".new"), with(".bak"));
+        let mut file = fs::File::create(&new).map_err(failed(&new))?;
+        file.write_all(self.text().as_bytes()).and_then(|()| file.sync_all()).map_err(failed(&new))?;
+        if self.path.exists() {
+            fs::copy(&self.path, &old).map_err(failed(&old))?;
+        }
+        fs::rename(&new, &self.path).map_err(failed(&self.path))
+    }
+}
+
+fn numbers(values: &[f64]) -> Item {
+    Item::Value(Value::Array(values.iter().copied().collect::<Array>()))
+}
+
+fn note_item(note: &CalibrationNote) -> Item {
+    let mut table = InlineTable::new();
+    table.insert("date", note.date.as_str().into());
+    table.insert("board", note.board.as_str().into());
+    table.insert("frames", i64::try_from(note.frames).unwrap_or(i64::MAX).into());
+    table.insert("rms_px", note.rms_px.into());
+    Item::Value(Value::InlineTable(table))
+}
+
+fn pose_table(
+    rotation: &Matrix3<f64>,
+    translation_m: &Vector3<f64>,
+    sigma: Option<&[f64; 6]>,
+    note: Option<&CalibrationNote>,
+) -> Table {
+    let mut table = Table::new();
+    table["rotation"] = numbers(rotation.transpose().as_slice());
+    table["translation_m"] = numbers(translation_m.as_slice());
+    if let Some(sigma) = sigma {
+        table["sigma"] = numbers(sigma);
+    }
+    if let Some(note) = note {
+        table["calibrated"] = note_item(note);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Distortion;
+
+    #[test]
+    fn results_are_written_beside_comments_and_the_old_file_is_kept() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("rig.toml");
+        let before = "name = \"lab\" # our lab\n\n[[camera]]\nname = \"left\"\nwidth = 1\nheight = 1\n\
+                      pixel_format = \"BayerRG8\"\nexposure_us = 2000.0\n";
+        fs::write(&path, before).expect("written");
+        let mut edit = RigEdit::open(&path).expect("TOML");
+        assert!(edit.resolve().is_err(), "not calibrated yet");
+        let name = CameraName::new("left").expect("valid");
+        let lens = Distortion::from_array([-0.1, 0.07, 1e-4, -2e-4, 0.003]);
+        let model = CameraModel::new((1920, 1200), (672.25, 673.5), (984.0, 602.125), lens).expect("valid");
+        let note =
+            CalibrationNote { date: "2026-11-22".into(), board: "9×6".into(), frames: 30, rms_px: 0.12 };
+        edit.set_intrinsics(&name, &model, Some(&[0.5; 9]), Some(&note));
+        let turn = nalgebra::Rotation3::new(Vector3::new(2.0, 0.1, -0.3));
+        edit.set_table(turn.matrix(), &Vector3::new(0.1, 0.2, 2.0), None, Some(&note));
+        edit.save().expect("written");
+
+        let rig = Rig::load(&path).expect("complete now");
+        assert_eq!(rig.cameras[0].model, model);
+        assert_eq!(rig.cameras[0].intrinsics_sigma, Some([0.5; 9]));
+        let read = rig.cameras[0].camera_from_world.rotation.matrix() - turn.matrix();
+        assert!(read.amax() < 1e-14);
+        let text = fs::read_to_string(&path).expect("there");
+        assert!(text.starts_with("name = \"lab\" # our lab"), "{text}");
+        assert_eq!(fs::read_to_string(folder.path().join("rig.toml.bak")).expect("kept"), before);
+    }
+}

@@ -1,0 +1,47 @@
+/// Where a player or robot can hit: the plane y = `y_m` of the table frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HittingPlane {
+    /// Distance from the net along the table's length, m; the table ends at ±1.37.
+    pub y_m: f64,
+}
+
+impl Default for HittingPlane {
+    fn default() -> Self {
+        Self { y_m: -1.5 }
+    }
+}
+
+/// Physical constants of the flight, to be fitted on real flights with `netcord predict --fit`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlightConstants {
+    /// Mass, kg; 0.0027 by the rules.
+    pub mass_kg: f64,
+    /// Drag coefficient C_d in F = ½ ρ C_d A v².
+    pub drag: f64,
+    /// Magnus coefficient C_M in F = C_M ρ V ω × v.
+    pub magnus: f64,
+    /// Density of the air ρ, kg/m³.
+    pub air_density_kg_m3: f64,
+    /// Normal restitution of the table at zero speed.
+    pub restitution: f64,
+    /// Loss of normal restitution per m/s of normal speed.
+    pub restitution_slope_s_m: f64,
+    /// Friction coefficient of the table.
+    pub friction: f64,
+}
+
+impl Default for FlightConstants {
+    /// Published middle values: drag 0.45–0.49, Magnus about 0.12, table restitution 0.98 − 0.02 v_n,
+    /// friction about 0.25; air at 20 °C and 101 kPa.
+    fn default() -> Self {
+        Self {
+            mass_kg: 0.0027,
+            drag: 0.47,
+            magnus: 0.12,
+            air_density_kg_m3: 1.204,
+            restitution: 0.98,
+            restitution_slope_s_m: 0.02,
+            friction: 0.25,
+        }
+    }
+}

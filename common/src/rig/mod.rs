@@ -1,0 +1,22 @@
+//! The rig file `rig.toml`: one file describes a system of cameras, ball, table and processes.
+//!
+//! [`Rig::load`] parses, checks and resolves it; a [`Rig`] that exists is complete and consistent. An
+//! error names file, line and key, and what would be valid. [`RigEdit`] writes calibration results back,
+//! keeping comments, into a new file that is renamed over the old one.
+
+mod ball;
+mod camera;
+mod edit;
+mod error;
+mod file;
+mod flight;
+mod process;
+mod resolve;
+
+pub use ball::{Ball, BallColour};
+pub use camera::{CameraIndex, IntrinsicsSigma, RigCamera, TriggerRole};
+pub use edit::{CalibrationNote, RigEdit};
+pub use error::RigError;
+pub use flight::{FlightConstants, HittingPlane};
+pub use process::{ProcessSpec, Restart};
+pub use resolve::Rig;

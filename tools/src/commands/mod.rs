@@ -1,0 +1,34 @@
+//! One file a subcommand: its `Args`, and `run`.
+
+pub mod rig;
+
+use std::path::PathBuf;
+
+use netcord_common::{
+    DomainName,
+    rig::{Rig, RigError},
+};
+
+/// The options of every subcommand that touches a live rig.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RigArgs {
+    /// The rig file.
+    #[arg(long, env = "NETCORD_RIG", value_name = "RIG.toml")]
+    pub rig: PathBuf,
+
+    /// The domain in which the rig's processes meet; default: the rig's name.
+    #[arg(long, env = "NETCORD_DOMAIN", value_name = "NAME")]
+    pub domain: Option<DomainName>,
+}
+
+impl RigArgs {
+    /// Loads the rig file, and settles the domain.
+    ///
+    /// # Errors
+    /// As [`Rig::load`].
+    pub fn load(&self) -> Result<(Rig, DomainName), RigError> {
+        let rig = Rig::load(&self.rig)?;
+        let domain = self.domain.clone().unwrap_or_else(|| rig.name.clone());
+        Ok((rig, domain))
+    }
+}

@@ -1,0 +1,56 @@
+//! Plots as PNG or SVG, with a font that the executable brings along.
+
+use std::{path::Path, sync::Once};
+
+use plotters::{
+    backend::{BitMapBackend, SVGBackend},
+    coord::Shift,
+    drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea},
+    prelude::DrawingBackend,
+    style::{FontStyle, register_font},
+};
+use thiserror::Error;
+
+/// The font family that all plots use.
+pub const FONT: &str = "sans-serif";
+
+/// A plot that could not be made.
+#[derive(Debug, Error)]
+#[error("cannot write the plot {path}: {cause}")]
+pub struct PlotError {
+    path: String,
+    cause: String,
+}
+
+/// Draws `painter`'s plot of `size` pixels into `path`: SVG when it ends so, else PNG.
+///
+/// # Errors
+/// [`PlotError`] when the file cannot be written or the plot cannot be drawn.
+pub fn draw<P: Painter>(path: &Path, size: (u32, u32), painter: &P) -> Result<(), PlotError> {
+    static REGISTERED: Once = Once::new();
+    REGISTERED.call_once(|| {
+        // It fails only on bytes that are no font.
+        let _ = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
+        let _ = register_font(FONT, FontStyle::Bold, epaint_default_fonts::UBUNTU_LIGHT);
+    });
+    let failed = |cause: String| PlotError { path: path.display().to_string(), cause };
+    if path.extension().is_some_and(|e| e == "svg") {
+        let area = SVGBackend::new(path, size).into_drawing_area();
+        painter.paint(&area).and_then(|()| area.present()).map_err(|e| failed(e.to_string()))
+    } else {
+        let area = BitMapBackend::new(path, size).into_drawing_area();
+        painter.paint(&area).and_then(|()| area.present()).map_err(|e| failed(e.to_string()))
+    }
+}
+
+/// Something that can be painted on any backend.
+pub trait Painter {
+    /// Paints on `area`.
+    ///
+    /// # Errors
+    /// What the backend reports.
+    fn paint<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>;
+}
