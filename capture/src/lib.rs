@@ -1,1 +1,17 @@
-//! netcord-capture.
+//! Where netcord's frames come from: sources, triggers, and the check that the frames of one trigger
+//! belong together.
+//!
+//! - [`FrameSource`] is what a synthetic scene, a recording and a set of devices have in common; a
+//!   source fills slots that it gets from the [`FrameSink`].
+//! - [`run`] is the body of `netcord capture`.
+//! - [`FramesetAssembler`] gives the verdict on each trigger.
+
+mod frameset;
+mod run;
+mod sink;
+mod source;
+
+pub use frameset::{Arrival, FramesetAssembler, FramesetRules};
+pub use run::{CaptureError, run};
+pub use sink::{FrameSink, LossReason};
+pub use source::{FrameSource, SourceControl, SourceError, response};
