@@ -123,8 +123,7 @@ impl FramesetAssembler {
             if slot.state == State::Open {
                 slot.decide(&rules, now_ns, &mut decided);
             }
-            *slot =
-                Gathering { trigger_id, state: State::Open, began_ns: now_ns, ..Gathering::default() };
+            *slot = Gathering { trigger_id, state: State::Open, began_ns: now_ns, ..Gathering::default() };
         }
         if slot.delivered & camera.bit() != 0 {
             return Arrival::Duplicate;
@@ -190,8 +189,7 @@ mod tests {
     }
 
     fn assembler() -> FramesetAssembler {
-        let rules =
-            FramesetRules { expected: 0b11, tolerance_ns: 5 * MS, wait_ns: 20 * MS, session: 7 };
+        let rules = FramesetRules { expected: 0b11, tolerance_ns: 5 * MS, wait_ns: 20 * MS, session: 7 };
         FramesetAssembler::new(rules)
     }
 

@@ -265,7 +265,11 @@ impl Framesets {
     }
 }
 
-fn publish(publisher: &Publisher<Frameset>, counts: &[Count; 3], frameset: &Frameset) -> Result<(), BusError> {
+fn publish(
+    publisher: &Publisher<Frameset>,
+    counts: &[Count; 3],
+    frameset: &Frameset,
+) -> Result<(), BusError> {
     if let Some(count) = counts.get(frameset.verdict as usize) {
         count.up();
     }
