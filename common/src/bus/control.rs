@@ -8,7 +8,7 @@ use crate::{
     wire::{ControlRequest, ControlResponse},
 };
 
-const LIMITS: Limits = Limits { writers: 1, readers: 16, queue: 4, borrowed: 2, loaned: 2, history: 0 };
+const LIMITS: Limits = Limits { writers: 1, readers: 16, queue: 4, borrowed: 2, loaned: 2 };
 
 type Factory = iceoryx2::service::port_factory::request_response::PortFactory<
     Service,

@@ -16,6 +16,8 @@ mod listen;
 mod membership;
 mod messages;
 mod service;
+#[cfg(test)]
+mod tests;
 mod topic;
 
 pub use control::{ControlClient, ControlServer};

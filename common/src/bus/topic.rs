@@ -21,15 +21,13 @@ pub struct Limits {
     pub borrowed: usize,
     /// Messages that one writer may fill at a time.
     pub loaned: usize,
-    /// Messages that a reader who comes late still gets.
-    pub history: usize,
 }
 
 impl Limits {
     /// Slots that the writer's shared memory has: enough for every reader to hold and queue its fill,
     /// so that no reader, slow or dead, can starve the writer.
     pub const fn slots(&self) -> usize {
-        self.readers * (self.queue + self.borrowed) + self.loaned + self.history + 1
+        self.readers * (self.queue + self.borrowed) + self.loaned + 1
     }
 }
 
@@ -43,18 +41,17 @@ pub struct Topic<T> {
 }
 
 /// For messages of up to some kilobytes of which every one counts. 16 readers of 32 messages.
-const MESSAGES: Limits = Limits { writers: 1, readers: 16, queue: 32, borrowed: 4, loaned: 2, history: 0 };
+const MESSAGES: Limits = Limits { writers: 1, readers: 16, queue: 32, borrowed: 4, loaned: 2 };
 
 /// For frames: at 100 Hz a queue of 8 bridges 80 ms of a reader's absence. The pool has
 /// 8 × (8 + 8) + 8 + 1 = 137 slots; only those that have been in use at one time take memory.
-const FRAMES: Limits = Limits { writers: 1, readers: 8, queue: 8, borrowed: 8, loaned: 8, history: 0 };
+const FRAMES: Limits = Limits { writers: 1, readers: 8, queue: 8, borrowed: 8, loaned: 8 };
 
 /// Only the newest message counts.
-const NEWEST: Limits = Limits { writers: 1, readers: 16, queue: 1, borrowed: 2, loaned: 2, history: 1 };
+const NEWEST: Limits = Limits { writers: 1, readers: 16, queue: 1, borrowed: 2, loaned: 2 };
 
 /// Every process of a domain writes: a segmenter per camera, the other stages, and tools.
-const EVERYONE: Limits =
-    Limits { writers: MAX_CAMERAS + 16, readers: 16, queue: 64, borrowed: 4, loaned: 2, history: 1 };
+const EVERYONE: Limits = Limits { writers: MAX_CAMERAS + 16, readers: 16, queue: 64, borrowed: 4, loaned: 2 };
 
 impl<T> Topic<T> {
     const fn new(name: String, writer: &'static str, limits: Limits) -> Self {
