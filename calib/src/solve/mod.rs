@@ -1,0 +1,22 @@
+//! Calibration mathematics: from corners to cameras whose every number carries its uncertainty.
+
+mod block;
+mod bundle;
+mod error;
+mod homography;
+mod loss;
+mod mono;
+mod pose;
+mod uncertainty;
+mod views;
+mod zhang;
+
+pub use block::Block;
+pub use bundle::{Bundle, BundleCamera, Freedom, Sighting, Solution, SolveOptions};
+pub use error::CalibrationError;
+pub use homography::{apply as apply_homography, homography};
+pub use loss::Loss;
+pub use mono::{INTRINSIC_NAMES, MonoCalibration, MonoOptions, Outlier, ViewFit, calibrate_mono};
+pub use pose::{FittedPose, board_pose};
+pub use uncertainty::ProjectionUncertainty;
+pub use views::{CameraViews, View, read_corners, write_corners};
