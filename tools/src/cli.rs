@@ -29,6 +29,8 @@ pub struct Cli {
 enum Command {
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
+    /// Calibrate cameras, rig and table, from printed boards.
+    Calib(commands::calib::Args),
 }
 
 impl Cli {
@@ -37,6 +39,7 @@ impl Cli {
         telemetry::init(&self.log, self.log_format)?;
         match self.command {
             Command::Rig(args) => commands::rig::run(&args),
+            Command::Calib(args) => commands::calib::run(&args),
         }
     }
 }

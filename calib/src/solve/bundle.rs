@@ -33,10 +33,8 @@ impl Freedom {
     fn basis(&self, model: &CameraModel) -> Vec<SVector<f64, INTRINSICS>> {
         let unit = |i: usize| SVector::<f64, INTRINSICS>::from_fn(|r, _| f64::from(u8::from(r == i)));
         let tied = self.tie_aspect && self.intrinsics[0] && self.intrinsics[1];
-        let mut columns: Vec<_> = (0..INTRINSICS)
-            .filter(|&i| self.intrinsics[i] && !(tied && i == 1))
-            .map(unit)
-            .collect();
+        let mut columns: Vec<_> =
+            (0..INTRINSICS).filter(|&i| self.intrinsics[i] && !(tied && i == 1)).map(unit).collect();
         if tied {
             columns[0][1] = model.fy / model.fx;
         }
@@ -164,7 +162,13 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
         (offsets, total)
     }
 
-    fn normal(&self, loss: Loss, bases: &[Vec<SVector<f64, INTRINSICS>>], offsets: &[usize], total: usize) -> Option<Normal<D>> {
+    fn normal(
+        &self,
+        loss: Loss,
+        bases: &[Vec<SVector<f64, INTRINSICS>>],
+        offsets: &[usize],
+        total: usize,
+    ) -> Option<Normal<D>> {
         struct Part<const D: usize> {
             cost: f64,
             a: DMatrix<f64>,
@@ -255,7 +259,13 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
     /// The camera system with the blocks eliminated (Schur complement), its right-hand side, and the
     /// inverses of the damped block matrices; `None` when a block is not determined.
     #[allow(clippy::type_complexity)]
-    fn schur(&self, n: &Normal<D>, by_block: &[Vec<usize>], offsets: &[usize], lambda: f64) -> Option<(DMatrix<f64>, DVector<f64>, Vec<SMatrix<f64, D, D>>)> {
+    fn schur(
+        &self,
+        n: &Normal<D>,
+        by_block: &[Vec<usize>],
+        offsets: &[usize],
+        lambda: f64,
+    ) -> Option<(DMatrix<f64>, DVector<f64>, Vec<SMatrix<f64, D, D>>)> {
         let mut s = n.a.clone();
         for i in 0..s.nrows() {
             s[(i, i)] += lambda * n.a[(i, i)];
@@ -312,7 +322,8 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
                 Some((next, relative, cost)) => {
                     // Both still: no unknown moves by more than 1e-5 of its standard deviation (of
                     // unit residuals), and the cost has no digits left to lose.
-                    converged = relative < 1e-10 || (normal.cost - cost) <= 1e-15 * normal.cost && relative < 1e-6;
+                    converged =
+                        relative < 1e-10 || (normal.cost - cost) <= 1e-15 * normal.cost && relative < 1e-6;
                     *self = next;
                     normal = self.normal(options.loss, &bases, &offsets, total)?;
                     lambda = (lambda * 0.1).max(1e-15);
@@ -326,7 +337,8 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
                 }
             }
         }
-        let inverse_information = self.schur(&normal, &by_block, &offsets, 0.0).and_then(|(s, _, _)| invert_scaled(&s));
+        let inverse_information =
+            self.schur(&normal, &by_block, &offsets, 0.0).and_then(|(s, _, _)| invert_scaled(&s));
         Some(Solution { cost: normal.cost, steps, converged, inverse_information, offsets })
     }
 
@@ -339,7 +351,14 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
     }
 
     /// The state after one damped step, and the step's length in units of standard deviations.
-    fn step(&self, normal: &Normal<D>, bases: &[Vec<SVector<f64, INTRINSICS>>], by_block: &[Vec<usize>], offsets: &[usize], lambda: f64) -> Option<(Self, f64)> {
+    fn step(
+        &self,
+        normal: &Normal<D>,
+        bases: &[Vec<SVector<f64, INTRINSICS>>],
+        by_block: &[Vec<usize>],
+        offsets: &[usize],
+        lambda: f64,
+    ) -> Option<(Self, f64)> {
         let (s, g, inverses) = self.schur(normal, by_block, offsets, lambda)?;
         let delta = if g.is_empty() { g.clone() } else { s.cholesky()?.solve(&g) };
         let mut next = self.clone();
@@ -402,7 +421,13 @@ impl Solution {
     /// Covariance of camera `camera`'s nine intrinsics and six pose unknowns (rotation vector applied
     /// from the left, in rad; translation in m), given the variance of one residual coordinate in px².
     /// Fixed unknowns have zero rows.
-    pub fn camera_covariance(&self, camera: usize, model: &CameraModel, freedom: &Freedom, variance_px2: f64) -> Option<SMatrix<f64, 15, 15>> {
+    pub fn camera_covariance(
+        &self,
+        camera: usize,
+        model: &CameraModel,
+        freedom: &Freedom,
+        variance_px2: f64,
+    ) -> Option<SMatrix<f64, 15, 15>> {
         let inverse = self.inverse_information.as_ref()?;
         let basis = freedom.basis(model);
         let own = basis.len() + 6 * usize::from(freedom.pose);

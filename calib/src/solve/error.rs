@@ -16,7 +16,9 @@ pub enum CalibrationError {
         camera: String,
     },
     /// Object and image points do not pair up.
-    #[error("camera {camera}, view {view}: {object} object points but {image} image points; they must pair up")]
+    #[error(
+        "camera {camera}, view {view}: {object} object points but {image} image points; they must pair up"
+    )]
     Unpaired {
         /// The camera.
         camera: String,
@@ -36,7 +38,9 @@ pub enum CalibrationError {
         view: String,
     },
     /// Not enough views.
-    #[error("camera {camera}: {found} usable views; at least {needed} are needed, better 10 to 30 at many tilts")]
+    #[error(
+        "camera {camera}: {found} usable views; at least {needed} are needed, better 10 to 30 at many tilts"
+    )]
     TooFewViews {
         /// The camera.
         camera: String,
@@ -67,7 +71,9 @@ pub enum CalibrationError {
         spread_deg: f64,
     },
     /// Some unknown is not determined.
-    #[error("camera {camera}: {parameter} is not determined by these views (standard deviation {sd:.3}); {advice}")]
+    #[error(
+        "camera {camera}: {parameter} is not determined by these views (standard deviation {sd:.3}); {advice}"
+    )]
     Undetermined {
         /// The camera.
         camera: String,
@@ -79,7 +85,9 @@ pub enum CalibrationError {
         advice: &'static str,
     },
     /// The iteration came to no end.
-    #[error("camera {camera}: the calibration did not converge (RMS {rms_px:.2} px); most likely corners are mixed up or the board's size is wrong")]
+    #[error(
+        "camera {camera}: the calibration did not converge (RMS {rms_px:.2} px); most likely corners are mixed up or the board's size is wrong"
+    )]
     NotConverged {
         /// The camera or cameras.
         camera: String,

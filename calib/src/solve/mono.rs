@@ -111,7 +111,10 @@ const MIN_TILT_SPREAD_DEG: f64 = 4.0;
 ///
 /// # Errors
 /// [`CalibrationError`]: too few views, views all alike, an unknown that the views do not determine.
-pub fn calibrate_mono(camera: &CameraViews, options: &MonoOptions) -> Result<MonoCalibration, CalibrationError> {
+pub fn calibrate_mono(
+    camera: &CameraViews,
+    options: &MonoOptions,
+) -> Result<MonoCalibration, CalibrationError> {
     let name = || camera.name.clone();
     check_finite(camera)?;
     let usable: Vec<View> = camera.views.iter().filter(|v| Plane::of(&v.object).is_some()).cloned().collect();
@@ -139,15 +142,21 @@ pub fn calibrate_mono(camera: &CameraViews, options: &MonoOptions) -> Result<Mon
         fitted.iter().map(|v| board_pose(&model, &v.object, &v.image).map(|f| f.camera_from_board)).collect();
     let mut kept = poses.iter().map(Option::is_some);
     fitted.retain(|_| kept.next().unwrap_or(false));
-    let blocks: Vec<_> =
-        poses.into_iter().flatten().map(|p| Transform::<World, Board>::new(p.rotation, p.translation)).collect();
+    let blocks: Vec<_> = poses
+        .into_iter()
+        .flatten()
+        .map(|p| Transform::<World, Board>::new(p.rotation, p.translation))
+        .collect();
     if fitted.len() < MIN_VIEWS {
         return Err(CalibrationError::TooFewViews { camera: name(), found: fitted.len(), needed: MIN_VIEWS });
     }
-    let freedom =
-        Freedom { intrinsics: options.free, tie_aspect: options.tie_aspect, pose: false };
+    let freedom = Freedom { intrinsics: options.free, tie_aspect: options.tie_aspect, pose: false };
     let mut bundle = Bundle {
-        cameras: vec![BundleCamera { model, camera_from_rig: Transform::identity(), freedom: freedom.clone() }],
+        cameras: vec![BundleCamera {
+            model,
+            camera_from_rig: Transform::identity(),
+            freedom: freedom.clone(),
+        }],
         blocks,
         sightings: sightings_of(0, &fitted, 0),
     };
@@ -213,7 +222,10 @@ pub fn calibrate_mono(camera: &CameraViews, options: &MonoOptions) -> Result<Mon
 
 /// Solves with the radial terms opened one after the other when all at once fails: far from the
 /// solution a high polynomial can fold points out of the image.
-fn solve_staged(bundle: &mut Bundle<6, Transform<World, Board>>, loss: Loss) -> Option<super::bundle::Solution> {
+fn solve_staged(
+    bundle: &mut Bundle<6, Transform<World, Board>>,
+    loss: Loss,
+) -> Option<super::bundle::Solution> {
     let start = bundle.clone();
     let options = SolveOptions { loss, ..SolveOptions::default() };
     let direct = bundle.solve(&options)?;
@@ -242,7 +254,12 @@ pub(crate) fn sightings_of(camera: usize, views: &[View], first: usize) -> Vec<S
     views
         .iter()
         .enumerate()
-        .map(|(i, v)| Sighting { camera, block: first + i, object: v.object.clone(), pixels: v.image.clone() })
+        .map(|(i, v)| Sighting {
+            camera,
+            block: first + i,
+            object: v.object.clone(),
+            pixels: v.image.clone(),
+        })
         .collect()
 }
 
@@ -264,7 +281,12 @@ fn fits(bundle: &Bundle<6, Transform<World, Board>>, views: &[View], first: usiz
 
 pub(crate) fn check_finite(camera: &CameraViews) -> Result<(), CalibrationError> {
     for view in &camera.views {
-        let finite = view.object.iter().flat_map(|p| p.iter()).chain(view.image.iter().flat_map(|p| p.iter())).all(|c| c.is_finite());
+        let finite = view
+            .object
+            .iter()
+            .flat_map(|p| p.iter())
+            .chain(view.image.iter().flat_map(|p| p.iter()))
+            .all(|c| c.is_finite());
         if !finite {
             return Err(CalibrationError::NotFinite { camera: camera.name.clone(), view: view.name.clone() });
         }

@@ -67,7 +67,11 @@ pub struct FittedPose {
 /// of the undistorted points, refined through the whole camera model. A plane seen from afar has two
 /// poses that look alike (its normal mirrored at the line of sight): both are refined, the better is
 /// kept. `None` for too few points, points on a line, or points that the lens model cannot see.
-pub fn board_pose(model: &CameraModel, object: &[Vector3<f64>], pixels: &[Vector2<f64>]) -> Option<FittedPose> {
+pub fn board_pose(
+    model: &CameraModel,
+    object: &[Vector3<f64>],
+    pixels: &[Vector2<f64>],
+) -> Option<FittedPose> {
     let plane = Plane::of(object)?;
     let undistorted: Vec<_> = pixels.iter().map(|p| model.undistort(p)).collect::<Option<_>>()?;
     let h = homography(&plane.coordinates, &undistorted)?;

@@ -4,8 +4,8 @@ use netcord_common::{
     geometry::{Camera, Point},
 };
 
-use super::bundle::{Bundle, Sighting};
 use super::block::{Block, cross};
+use super::bundle::{Bundle, Sighting};
 
 /// How uncertain the image of a far point is, for uncertain intrinsics.
 ///
@@ -66,7 +66,8 @@ impl ProjectionUncertainty {
         (0..rows)
             .flat_map(|r| (0..columns).map(move |c| (c, r)))
             .map(|(c, r)| {
-                let pixel = Vector2::new(place(c, columns, self.model.width), place(r, rows, self.model.height));
+                let pixel =
+                    Vector2::new(place(c, columns, self.model.width), place(r, rows, self.model.height));
                 (pixel.x, pixel.y, self.worst_sd_px(&pixel))
             })
             .collect()

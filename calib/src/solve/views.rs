@@ -143,7 +143,10 @@ pub fn write_corners(cameras: &[CameraViews]) -> String {
                         };
                         (v.name.clone(), raw)
                     });
-                    (c.name.clone(), RawCamera { size: [c.size.0, c.size.1], views: Ordered(views.collect()) })
+                    (
+                        c.name.clone(),
+                        RawCamera { size: [c.size.0, c.size.1], views: Ordered(views.collect()) },
+                    )
                 })
                 .collect(),
         ),

@@ -1,5 +1,6 @@
 //! One file a subcommand: its `Args`, and `run`.
 
+pub mod calib;
 pub mod rig;
 
 use std::path::PathBuf;

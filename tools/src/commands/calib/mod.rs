@@ -1,0 +1,35 @@
+//! `netcord calib`: boards, calibration of cameras, rigs and the table, and checking them.
+
+mod corners;
+mod options;
+mod solve;
+
+use clap::Subcommand;
+
+use crate::exit::CommandResult;
+
+/// Arguments of `netcord calib`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Calibrate the intrinsics of cameras, one by one.
+    Mono(solve::MonoArgs),
+    /// Calibrate the pose of a second camera from simultaneous views.
+    Stereo(solve::RigArgs),
+    /// Calibrate the poses of any number of cameras, which may see the board in a chain of overlaps.
+    Rig(solve::RigArgs),
+}
+
+/// Runs `netcord calib`.
+pub fn run(args: &Args) -> CommandResult {
+    match &args.action {
+        Action::Mono(args) => solve::mono(args),
+        Action::Stereo(args) => solve::stereo(args),
+        Action::Rig(args) => solve::rig(args),
+    }
+}

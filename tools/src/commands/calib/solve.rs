@@ -1,0 +1,165 @@
+//! `netcord calib mono|stereo|rig`.
+
+use std::{error::Error, fs, path::PathBuf};
+
+use clap::ValueEnum;
+use netcord_calib::solve::{
+    CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration, RigOptions,
+    calibrate_mono, calibrate_rig, coverage, cross_validate,
+};
+
+use super::{corners, options::SolverArgs};
+use crate::exit::{CommandResult, Outcome};
+
+/// Arguments of `netcord calib mono`.
+#[derive(Debug, clap::Args)]
+pub struct MonoArgs {
+    /// Corners from a file, instead of pictures.
+    #[arg(long, value_name = "FILE.json")]
+    corners: PathBuf,
+
+    #[command(flatten)]
+    solver: SolverArgs,
+}
+
+/// Whether intrinsics take part in a stereo or rig calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Intrinsics {
+    /// They stay as each camera's own calibration gave them.
+    Fixed,
+    /// They are refined together with the poses.
+    Free,
+}
+
+/// Arguments of `netcord calib stereo` and `netcord calib rig`.
+#[derive(Debug, clap::Args)]
+pub struct RigArgs {
+    /// Corners from a file, instead of pictures.
+    #[arg(long, value_name = "FILE.json")]
+    corners: PathBuf,
+
+    /// Whether intrinsics are refined together with the poses.
+    #[arg(long, value_enum, default_value = "fixed")]
+    intrinsics: Intrinsics,
+
+    #[command(flatten)]
+    solver: SolverArgs,
+}
+
+/// Runs `netcord calib mono`.
+pub fn mono(args: &MonoArgs) -> CommandResult {
+    let cameras = corners::load(&args.corners)?;
+    let results = calibrate_each(&cameras, &args.solver)?;
+    let report = Report::of_mono(&results);
+    for (c, coverage, validation) in &results {
+        print_mono(c, *coverage, validation.as_ref());
+    }
+    write(&report, &args.solver)?;
+    Ok(Outcome::Good)
+}
+
+/// Runs `netcord calib stereo`.
+pub fn stereo(args: &RigArgs) -> CommandResult {
+    let cameras = corners::load(&args.corners)?;
+    if cameras.len() != 2 {
+        let found = cameras.len();
+        return Err(format!(
+            "calib stereo needs corners of two cameras; the file has {found} (calib rig takes any number)"
+        )
+        .into());
+    }
+    solve_rig("stereo", &cameras, args)
+}
+
+/// Runs `netcord calib rig`.
+pub fn rig(args: &RigArgs) -> CommandResult {
+    solve_rig("rig", &corners::load(&args.corners)?, args)
+}
+
+fn solve_rig(kind: &'static str, cameras: &[CameraViews], args: &RigArgs) -> CommandResult {
+    let results = calibrate_each(cameras, &args.solver)?;
+    let models: Vec<_> = results.iter().map(|(c, ..)| c.model).collect();
+    let free = if args.intrinsics == Intrinsics::Free { args.solver.free() } else { [false; 9] };
+    let rig = calibrate_rig(cameras, &models, &RigOptions { free, loss: args.solver.loss.0 })?;
+    let coverage: Vec<f64> = results.iter().map(|(_, c, _)| *c).collect();
+    print_rig(&rig);
+    write(&Report::of_rig(kind, &rig, &coverage), &args.solver)?;
+    Ok(if rig.rejected.is_empty() { Outcome::Good } else { Outcome::Missed })
+}
+
+type Calibrated = (MonoCalibration, f64, Option<CrossValidation>);
+
+fn calibrate_each(cameras: &[CameraViews], solver: &SolverArgs) -> Result<Vec<Calibrated>, Box<dyn Error>> {
+    /// Parts of the cross-validation: a fifth of the views left out each time.
+    const FOLDS: usize = 5;
+    let options =
+        MonoOptions { free: solver.free(), tie_aspect: solver.tie_aspect, start: None, loss: solver.loss.0 };
+    cameras
+        .iter()
+        .map(|camera| {
+            let found = calibrate_mono(camera, &options)?;
+            let covered = coverage(camera.size, camera.views.iter().flat_map(|v| v.image.iter().copied()));
+            // With few views, those left without a part may not do; then there is no such figure.
+            let validation = cross_validate(camera, &options, &found, FOLDS).ok();
+            Ok((found, covered, validation))
+        })
+        .collect()
+}
+
+fn print_mono(c: &MonoCalibration, coverage: f64, validation: Option<&CrossValidation>) {
+    println!(
+        "{}: RMS {:.6} px over {} views, noise {:.3} px per coordinate",
+        c.name,
+        c.rms_px,
+        c.views.len(),
+        c.noise_px
+    );
+    for (i, name) in netcord_calib::solve::INTRINSIC_NAMES.iter().enumerate() {
+        println!("  {name} {:>14.6} ± {:.6}", c.model.parameters()[i], c.standard_deviations()[i]);
+    }
+    println!("  corners in {:.0} % of the image", 100.0 * coverage);
+    if let Some(v) = validation {
+        let advice = if v.more_frames_help { "more frames would help" } else { "more frames would not help" };
+        println!("  views left out: {:.4} px RMS; {advice}", v.held_out_rms_px);
+    }
+    for o in &c.outliers {
+        println!("  outlier: view {}, point {}: {:.2} px", o.view, o.point, o.residual_px);
+    }
+}
+
+fn print_rig(rig: &RigCalibration) {
+    println!(
+        "RMS {:.6} px per point over all cameras, noise {:.3} px per coordinate",
+        rig.rms_px, rig.noise_px
+    );
+    for c in rig.cameras.iter().skip(1) {
+        let (t, r) = (c.camera_from_first.translation, c.camera_from_first.rotation.scaled_axis());
+        println!(
+            "  {}: T = ({:.6}, {:.6}, {:.6}) m, rotation vector ({:.6}, {:.6}, {:.6}) rad, {:.5} ± {:.5} m from the first",
+            c.name,
+            t.x,
+            t.y,
+            t.z,
+            r.x,
+            r.y,
+            r.z,
+            t.norm(),
+            c.baseline_sd_m()
+        );
+    }
+    for r in &rig.rejected {
+        let camera = r.camera.as_deref().unwrap_or("both cameras");
+        println!("  rejected: view {} of {camera}: {:.2} px RMS against the rest", r.view, r.rms_px);
+    }
+    for o in &rig.outliers {
+        println!("  outlier: view {}, point {}: {:.2} px", o.view, o.point, o.residual_px);
+    }
+}
+
+fn write(report: &Report, solver: &SolverArgs) -> Result<(), Box<dyn Error>> {
+    if let Some(path) = &solver.report {
+        let text = serde_json::to_string_pretty(report)?;
+        fs::write(path, text).map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+    }
+    Ok(())
+}
