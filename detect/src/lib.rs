@@ -1,1 +1,3 @@
 //! netcord-detect.
+
+pub mod flight;

@@ -1,0 +1,77 @@
+//! A state with its covariance: what is believed of the ball at one instant.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::physics::{STATE, State, StateMatrix};
+
+/// Normal distribution over the ball's state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Belief {
+    /// The mean.
+    pub mean: State,
+    /// The covariance.
+    pub covariance: StateMatrix,
+}
+
+impl Default for Belief {
+    fn default() -> Self {
+        Self { mean: State::zeros(), covariance: StateMatrix::zeros() }
+    }
+}
+
+/// How well a measured position agreed with a belief.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Agreement {
+    /// Squared Mahalanobis distance; expected 3 for a true position.
+    pub chi2: f64,
+    /// Logarithm of the probability density of the position, without the constant −3/2 ln 2π.
+    pub log_likelihood: f64,
+}
+
+impl Belief {
+    /// Mean position, m.
+    pub fn position(&self) -> Vector3<f64> {
+        self.mean.fixed_rows::<3>(0).into_owned()
+    }
+
+    /// Mean velocity, m/s.
+    pub fn velocity(&self) -> Vector3<f64> {
+        self.mean.fixed_rows::<3>(3).into_owned()
+    }
+
+    /// Mean spin, rad/s.
+    pub fn spin(&self) -> Vector3<f64> {
+        self.mean.fixed_rows::<3>(6).into_owned()
+    }
+
+    /// Covariance of the position, m².
+    pub fn position_covariance(&self) -> Matrix3<f64> {
+        self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+
+    /// The mean becomes `mean`, and the covariance F P Fᵀ.
+    pub(super) fn map(&mut self, mean: State, f: &StateMatrix) {
+        self.mean = mean;
+        self.covariance = f * self.covariance * f.transpose();
+    }
+
+    /// How well a position with covariance `r` agrees; `None` where the covariances are degenerate.
+    pub fn agreement(&self, position: &Vector3<f64>, r: &Matrix3<f64>) -> Option<Agreement> {
+        let chol = (self.position_covariance() + r).cholesky()?;
+        let innovation = position - self.position();
+        let chi2 = innovation.dot(&chol.solve(&innovation));
+        let half_log_det: f64 = (0..3).map(|i| chol.l_dirty()[(i, i)].ln()).sum();
+        Some(Agreement { chi2, log_likelihood: -0.5 * chi2 - half_log_det })
+    }
+
+    /// Takes a measured position with covariance `r` in (Kalman's update); leaves the belief as it was
+    /// where the covariances are degenerate.
+    pub fn take_in(&mut self, position: &Vector3<f64>, r: &Matrix3<f64>) {
+        let Some(chol) = (self.position_covariance() + r).cholesky() else { return };
+        let to_position = self.covariance.fixed_view::<STATE, 3>(0, 0).into_owned();
+        let gain = to_position * chol.inverse();
+        self.mean += gain * (position - self.position());
+        let reduced = self.covariance - gain * to_position.transpose();
+        self.covariance = 0.5 * (reduced + reduced.transpose());
+    }
+}

@@ -1,0 +1,71 @@
+//! What is believed of a flight's spin, ball and table before anything bends its path.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// One kind of stroke: a normal distribution of the spin in the frame of the heading (forward along the
+/// horizontal velocity, left, up), rad/s. Topspin is spin about "left".
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Strokes {
+    /// Share of strokes of this kind.
+    share: f64,
+    /// Mean topspin: constant, per m/s of horizontal speed, per m/s of vertical velocity.
+    topspin: [f64; 3],
+    /// Standard deviations about forward, left and up.
+    sigma: [f64; 3],
+}
+
+/// Fitted by least squares to the 13,088 rally states of `deepmind-ball-states` (D'Ambrosio et al. 2024,
+/// CC BY 4.0; commit 54cf18e): topspin = −54 + 16.4 v_h + 1.8 v_z with a scatter of 32, sidespin and
+/// corkscrew 26 rad/s. Serves (2,704 states) have a smaller scatter and are covered by it. These are
+/// amateurs; professional play reaches 800 rad/s with a median of 265, of either sign, and ball guns spin
+/// as they are set: hence the second, wide kind, with a share that lets a bend of the path decide.
+const STROKES: [Strokes; 2] = [
+    Strokes { share: 0.75, topspin: [-54.0, 16.4, 1.8], sigma: [30.0, 35.0, 30.0] },
+    Strokes { share: 0.25, topspin: [0.0, 10.0, 0.0], sigma: [150.0, 220.0, 150.0] },
+];
+
+/// How many kinds of stroke the prior distinguishes.
+pub const STROKE_KINDS: usize = STROKES.len();
+
+/// Fastest topspin that the mean of a kind expects, rad/s: the line is fitted to 3–9 m/s.
+const LIKELY_TOPSPIN: f64 = 120.0;
+
+/// Share, mean and covariance of the spin of each kind of stroke, for a ball that has just been struck
+/// and flies with `velocity` (m/s); table frame, rad/s.
+pub fn spin(velocity: &Vector3<f64>) -> [(f64, Vector3<f64>, Matrix3<f64>); STROKE_KINDS] {
+    let horizontal = velocity.xy().norm();
+    let forward =
+        if horizontal > 0.1 { Vector3::new(velocity.x, velocity.y, 0.0) / horizontal } else { Vector3::x() };
+    let left = Vector3::z().cross(&forward);
+    let table_from_heading = Matrix3::from_columns(&[forward, left, Vector3::z()]);
+    STROKES.map(|kind| {
+        let [constant, by_horizontal, by_vertical] = kind.topspin;
+        let top = (constant + by_horizontal * horizontal + by_vertical * velocity.z)
+            .clamp(-LIKELY_TOPSPIN, LIKELY_TOPSPIN);
+        let variances = Vector3::from(kind.sigma).map(|s| s * s);
+        (
+            kind.share,
+            left * top,
+            table_from_heading * Matrix3::from_diagonal(&variances) * table_from_heading.transpose(),
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stroke_is_expected_to_have_topspin_whatever_its_heading() {
+        for heading in
+            [Vector3::new(0.0, 7.0, 1.0), Vector3::new(3.0, -6.0, 1.0), Vector3::new(0.0, 0.0, -1.0)]
+        {
+            for (share, mean, covariance) in spin(&heading) {
+                assert!((0.0..1.0).contains(&share));
+                // Magnus pulls a ball with topspin down.
+                assert!(mean.cross(&heading).z <= 0.0, "{mean}");
+                assert!(covariance.cholesky().is_some());
+            }
+        }
+    }
+}
