@@ -27,6 +27,8 @@ pub struct Cli {
 /// One row a subcommand.
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Predict the ball's flight, live or over recorded flights.
+    Predict(commands::predict::Args),
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
     /// Calibrate cameras, rig and table, from printed boards.
@@ -38,6 +40,7 @@ impl Cli {
     pub fn run(self) -> CommandResult {
         telemetry::init(&self.log, self.log_format)?;
         match self.command {
+            Command::Predict(args) => commands::predict::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Calib(args) => commands::calib::run(&args),
         }

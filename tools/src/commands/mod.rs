@@ -1,6 +1,7 @@
 //! One file a subcommand: its `Args`, and `run`.
 
 pub mod calib;
+pub mod predict;
 pub mod rig;
 
 use std::path::PathBuf;
