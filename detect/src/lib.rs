@@ -1,3 +1,4 @@
 //! netcord-detect.
 
 pub mod flight;
+pub mod triangulate;

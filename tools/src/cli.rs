@@ -27,6 +27,8 @@ pub struct Cli {
 /// One row a subcommand.
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Find the ball's position at each trigger from the detections of all cameras.
+    Triangulate(commands::triangulate::Args),
     /// Predict the ball's flight, live or over recorded flights.
     Predict(commands::predict::Args),
     /// Check a rig file and show what it says.
@@ -40,6 +42,7 @@ impl Cli {
     pub fn run(self) -> CommandResult {
         telemetry::init(&self.log, self.log_format)?;
         match self.command {
+            Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Calib(args) => commands::calib::run(&args),

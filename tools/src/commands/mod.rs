@@ -3,6 +3,7 @@
 pub mod calib;
 pub mod predict;
 pub mod rig;
+pub mod triangulate;
 
 use std::path::PathBuf;
 

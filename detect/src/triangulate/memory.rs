@@ -1,0 +1,260 @@
+//! What the triangulator remembers of past triggers: where the ball was, and which things do not move.
+
+use nalgebra::Vector3;
+
+/// Gravity, m/s², along −z of the table frame.
+const GRAVITY_M_S2: f64 = 9.81;
+
+/// Faster than any ball in play, m/s.
+const TOP_SPEED_M_S: f64 = 45.0;
+
+/// A track that was not seen for this long says nothing any more.
+const TRACK_MEMORY_NS: u64 = 200_000_000;
+
+/// Positions that the velocity is taken from.
+const RECENT: usize = 6;
+
+/// Positions older than this are from before a hit or bounce too often.
+const RECENT_NS: u64 = 80_000_000;
+
+/// What the prediction is off by after 10 ms: drag, spin and noise.
+const PREDICTION_SIGMA_M: f64 = 0.015;
+
+/// Most things at rest that are remembered.
+const SPOTS: usize = 48;
+
+/// Two sightings nearer than this are of the same thing at rest, m.
+const SPOT_RADIUS_M: f64 = 0.015;
+
+/// A ball in flight leaves such a circle within 0.12 s, even at the top of a vertical toss.
+const REST_NS: u64 = 300_000_000;
+
+/// Sightings that prove rest.
+const REST_SIGHTINGS: u32 = 8;
+
+/// A spot that was not seen for this long is forgotten.
+const SPOT_MEMORY_NS: u64 = 3_000_000_000;
+
+/// The path that proves that a track moves, m.
+const MOVING_M: f64 = 0.15;
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Spot {
+    anchor: Vector3<f64>,
+    first_ns: u64,
+    last_ns: u64,
+    sightings: u32,
+    /// It was seen while a ball was in flight elsewhere: it is not the ball.
+    beside_ball: bool,
+}
+
+impl Spot {
+    fn rests(&self) -> bool {
+        self.sightings >= REST_SIGHTINGS && self.last_ns.saturating_sub(self.first_ns) >= REST_NS
+    }
+}
+
+/// The memory.
+#[derive(Debug, Clone)]
+pub(super) struct Memory {
+    recent: [(u64, Vector3<f64>); RECENT],
+    count: usize,
+    spots: [Spot; SPOTS],
+    gravity: Vector3<f64>,
+}
+
+/// What is known of a point that does not move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rest {
+    /// Nothing: it moves, or has not been seen for long enough.
+    Unknown,
+    /// It has not moved.
+    AtRest,
+    /// It has not moved while the ball was in flight elsewhere.
+    LookAlike,
+}
+
+impl Memory {
+    /// `upright`: whether z of the world points up (the table frame), so that gravity is known.
+    pub fn new(upright: bool) -> Self {
+        let g = if upright { -GRAVITY_M_S2 } else { 0.0 };
+        Self {
+            recent: [(0, Vector3::zeros()); RECENT],
+            count: 0,
+            spots: [Spot::default(); SPOTS],
+            gravity: Vector3::new(0.0, 0.0, g),
+        }
+    }
+
+    fn recent(&self) -> &[(u64, Vector3<f64>)] {
+        &self.recent[..self.count]
+    }
+
+    /// Logarithm of how much likelier the ball is at `point` at `t_ns` than anywhere in a hall; 0 where
+    /// nothing is known.
+    pub fn log_prior(&self, t_ns: u64, point: &Vector3<f64>) -> f64 {
+        /// Volume in which a ball could be, m³.
+        const HALL_M3: f64 = 100.0;
+        /// Chance that the ball has been hit since, and flies on in any direction.
+        const HIT: f64 = 0.1;
+        /// Chance that the track was not the ball.
+        const WRONG: f64 = 0.02;
+        let Some((last_ns, last)) = self.recent().last() else { return 0.0 };
+        let age_ns = t_ns.saturating_sub(*last_ns);
+        if age_ns > TRACK_MEMORY_NS {
+            return 0.0;
+        }
+        let dt = age_ns as f64 * 1e-9;
+        let mut density = WRONG / HALL_M3;
+        density += HIT * gaussian((point - last).norm_squared(), 0.05 + 0.4 * TOP_SPEED_M_S * dt);
+        if let Some(predicted) = self.predict(t_ns) {
+            // Grows with the square of time: what is not modelled is an acceleration.
+            let sigma = PREDICTION_SIGMA_M * (1.0 + (dt / 0.02).powi(2));
+            density += (1.0 - HIT - WRONG) * gaussian((point - predicted).norm_squared(), sigma);
+        }
+        (density * HALL_M3).ln()
+    }
+
+    /// Where the ball should be at `t_ns`, at constant velocity under gravity.
+    pub fn predict(&self, t_ns: u64) -> Option<Vector3<f64>> {
+        let (last_ns, last) = self.recent().last()?;
+        if t_ns.saturating_sub(*last_ns) > TRACK_MEMORY_NS {
+            return None;
+        }
+        // Least squares for p and v at the last instant, of p + v t + g t²/2.
+        let (mut n, mut st, mut stt) = (0.0, 0.0, 0.0);
+        let (mut sp, mut stp) = (Vector3::zeros(), Vector3::zeros());
+        for (at_ns, p) in self.recent().iter().filter(|(at, _)| last_ns - at <= RECENT_NS) {
+            let t = -((last_ns - at_ns) as f64 * 1e-9);
+            let level = p - self.gravity * (0.5 * t * t) - last;
+            n += 1.0;
+            st += t;
+            stt += t * t;
+            sp += level;
+            stp += level * t;
+        }
+        let determinant = n * stt - st * st;
+        if n < 2.0 || determinant <= 1e-12 {
+            return None;
+        }
+        let velocity = (stp * n - sp * st) / determinant;
+        let start = (sp - velocity * st) / n + last;
+        let t = (t_ns - last_ns) as f64 * 1e-9;
+        Some(start + velocity * t + self.gravity * (0.5 * t * t))
+    }
+
+    /// Whether the track has moved far enough to be a ball in play.
+    pub fn is_moving(&self) -> bool {
+        let recent = self.recent();
+        recent.len() >= 4 && (recent[0].1 - recent[recent.len() - 1].1).norm() > MOVING_M
+    }
+
+    /// Adds the position of a trigger.
+    pub fn follow(&mut self, t_ns: u64, point: Vector3<f64>) {
+        if let Some((last_ns, last)) = self.recent().last().copied() {
+            let dt = t_ns.saturating_sub(last_ns) as f64 * 1e-9;
+            let gone = t_ns < last_ns || t_ns - last_ns > TRACK_MEMORY_NS;
+            if gone || (point - last).norm() > TOP_SPEED_M_S * dt + 0.05 {
+                self.count = 0;
+            }
+        }
+        if self.count == RECENT {
+            self.recent.copy_within(1.., 0);
+            self.count -= 1;
+        }
+        self.recent[self.count] = (t_ns, point);
+        self.count += 1;
+    }
+
+    /// What is known of a point as a thing at rest.
+    pub fn rest(&self, t_ns: u64, point: &Vector3<f64>) -> Rest {
+        match self.spot(t_ns, point).map(|i| &self.spots[i]) {
+            Some(spot) if spot.rests() && spot.beside_ball => Rest::LookAlike,
+            Some(spot) if spot.rests() => Rest::AtRest,
+            _ => Rest::Unknown,
+        }
+    }
+
+    fn spot(&self, t_ns: u64, point: &Vector3<f64>) -> Option<usize> {
+        self.spots.iter().position(|s| {
+            s.sightings > 0
+                && t_ns.saturating_sub(s.last_ns) <= SPOT_MEMORY_NS
+                && (s.anchor - point).norm_squared() <= SPOT_RADIUS_M * SPOT_RADIUS_M
+        })
+    }
+
+    /// Takes note of any point that cameras agree on; `chosen`: it was reported as the ball.
+    pub fn sight(&mut self, t_ns: u64, point: &Vector3<f64>, chosen: bool) {
+        let beside = !chosen && self.is_moving();
+        if let Some(i) = self.spot(t_ns, point) {
+            let spot = &mut self.spots[i];
+            if spot.last_ns != t_ns {
+                spot.sightings += 1;
+                spot.last_ns = t_ns;
+            }
+            spot.beside_ball |= beside && spot.rests();
+            return;
+        }
+        // What flies leaves a new spot in each frame: the one that was not seen for longest goes.
+        let oldest = self.spots.iter().enumerate().min_by_key(|(_, s)| s.last_ns).map_or(0, |(i, _)| i);
+        self.spots[oldest] =
+            Spot { anchor: *point, first_ns: t_ns, last_ns: t_ns, sightings: 1, beside_ball: false };
+    }
+}
+
+/// Density of an isotropic normal distribution in space at a squared distance.
+fn gaussian(distance2: f64, sigma: f64) -> f64 {
+    let norm = (std::f64::consts::TAU * sigma * sigma).powf(1.5);
+    (-0.5 * distance2 / (sigma * sigma)).exp() / norm
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME_NS: u64 = 10_000_000;
+
+    fn thrown(t_ns: u64) -> Vector3<f64> {
+        let t = t_ns as f64 * 1e-9;
+        Vector3::new(0.1 + 2.0 * t, -1.0 + 6.0 * t, 0.3 + 2.0 * t - 0.5 * GRAVITY_M_S2 * t * t)
+    }
+
+    #[test]
+    fn a_thrown_ball_is_predicted_and_favoured() {
+        let mut memory = Memory::new(true);
+        for i in 0..6 {
+            memory.follow(i * FRAME_NS, thrown(i * FRAME_NS));
+        }
+        let next = 6 * FRAME_NS;
+        assert!((memory.predict(next).expect("six positions") - thrown(next)).norm() < 1e-9);
+        assert!(memory.is_moving());
+        let near = memory.log_prior(next, &thrown(next));
+        let hit = memory.log_prior(next, &(thrown(next) + Vector3::new(0.1, 0.1, 0.1)));
+        let far = memory.log_prior(next, &(thrown(next) + Vector3::new(2.0, 0.0, 0.0)));
+        assert!(near > 8.0 && near > hit && hit > 0.0 && far < -3.0, "{near} {hit} {far}");
+        assert_eq!(memory.log_prior(next + 300_000_000, &thrown(0)), 0.0);
+    }
+
+    #[test]
+    fn rest_takes_time_and_a_look_alike_is_one_that_was_there_beside_the_ball() {
+        let mut memory = Memory::new(true);
+        let lamp = Vector3::new(1.0, 1.0, 1.0);
+        for i in 0..100 {
+            let t = i * FRAME_NS;
+            let noise = Vector3::new(0.002 * (i as f64).sin(), 0.0, 0.002 * (i as f64).cos());
+            if i < 25 {
+                assert_eq!(memory.rest(t, &(lamp + noise)), Rest::Unknown, "frame {i}");
+            } else if (35..50).contains(&i) {
+                assert_eq!(memory.rest(t, &(lamp + noise)), Rest::AtRest, "frame {i}");
+            } else if i > 60 {
+                assert_eq!(memory.rest(t, &(lamp + noise)), Rest::LookAlike, "frame {i}");
+            }
+            if i >= 50 {
+                assert_eq!(memory.rest(t, &thrown(t)), Rest::Unknown, "the ball itself never rests");
+                memory.follow(t, thrown(t));
+                memory.sight(t, &thrown(t), true);
+            }
+            memory.sight(t, &(lamp + noise), false);
+        }
+    }
+}
