@@ -1,11 +1,15 @@
 //! Counters: cheap to raise on the hot path, published once a second on `rig/health`.
 
-use std::sync::{
-    Arc, Mutex, PoisonError,
-    atomic::{AtomicU32, AtomicU64, Ordering},
+use std::{
+    fmt,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU32, AtomicU64, Ordering},
+    },
 };
 
 use crate::{
+    allocations,
     bus::{Bus, BusError, Publisher, Topic},
     time::{Clock, MonotonicClock},
     wire::{Counter, Health, MAX_COUNTERS, ProcessState, Text},
@@ -27,6 +31,11 @@ impl Count {
         self.add(1);
     }
 
+    /// Sets what something else counts.
+    fn set(&self, n: u64) {
+        self.0.store(n, Ordering::Relaxed);
+    }
+
     /// The count so far.
     pub fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
@@ -38,6 +47,17 @@ impl Count {
 pub struct Counters {
     named: Mutex<Vec<(Text<56>, Count)>>,
     state: AtomicU32,
+    on_running: Mutex<OnRunning>,
+}
+
+/// Who is told once when the process is ready.
+#[derive(Default)]
+struct OnRunning(Option<Box<dyn FnOnce() + Send>>);
+
+impl fmt::Debug for OnRunning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("OnRunning").field(&self.0.is_some()).finish()
+    }
 }
 
 impl Counters {
@@ -65,6 +85,17 @@ impl Counters {
     /// Says what the process is doing.
     pub fn set_state(&self, state: ProcessState) {
         self.state.store(state.code(), Ordering::Relaxed);
+        if state == ProcessState::Running {
+            let notify = self.on_running.lock().unwrap_or_else(PoisonError::into_inner).0.take();
+            if let Some(notify) = notify {
+                notify();
+            }
+        }
+    }
+
+    /// Has `notify` called once, when the process first says that it runs: the way to a supervisor.
+    pub fn when_running(&self, notify: impl FnOnce() + Send + 'static) {
+        self.on_running.lock().unwrap_or_else(PoisonError::into_inner).0 = Some(Box::new(notify));
     }
 
     /// All counters and their values, in the order of their registration.
@@ -83,11 +114,13 @@ impl Counters {
     }
 }
 
-/// Publishes a process's [`Counters`] on `rig/health`. Allocates nothing after it was made.
+/// Publishes a process's [`Counters`] on `rig/health`, and among them as `allocations` what
+/// [`CountingAllocator`](crate::CountingAllocator) has counted. Allocates nothing after it was made.
 #[derive(Debug)]
 pub struct HealthReporter {
     publisher: Publisher<Health>,
     counters: Arc<Counters>,
+    allocations: Count,
     message: Box<Health>,
     next_ns: u64,
 }
@@ -111,6 +144,7 @@ impl HealthReporter {
         Ok(Self {
             publisher: bus.publisher(&Topic::health())?,
             counters: Arc::clone(counters),
+            allocations: counters.register("allocations"),
             message,
             next_ns: 0,
         })
@@ -133,6 +167,7 @@ impl HealthReporter {
     /// # Errors
     /// As [`Publisher::send`].
     pub fn publish(&mut self, now_ns: u64) -> Result<(), BusError> {
+        self.allocations.set(allocations());
         self.counters.write_to(&mut self.message);
         self.message.now_ns = now_ns;
         self.publisher.send(&self.message)
@@ -142,6 +177,17 @@ impl HealthReporter {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn readiness_is_told_once() {
+        let (counters, told) = (Counters::new(), Count::default());
+        let teller = told.clone();
+        counters.when_running(move || teller.up());
+        for state in [ProcessState::Starting, ProcessState::Running, ProcessState::Running] {
+            counters.set_state(state);
+        }
+        assert_eq!(told.get(), 1);
+    }
 
     #[test]
     fn a_name_registered_twice_is_one_counter() {

@@ -4,6 +4,7 @@ mod cli;
 mod commands;
 mod exit;
 mod plot;
+mod supervisor;
 
 use std::process::ExitCode;
 

@@ -1,0 +1,141 @@
+use std::collections::BTreeMap;
+
+use netcord_common::wire::{Detections, Frameset, Health, MAX_CAMERAS, Verdict};
+use serde::Serialize;
+
+/// Frames published and lost since the observation began.
+#[derive(Debug, Clone, Default)]
+pub struct Losses {
+    published: u64,
+    not_published: u64,
+    unsynchronised: u64,
+    /// Of each camera: the capture session, and the segmenter's count of frames lost when first seen and now.
+    segmenter: [Option<Unseen>; MAX_CAMERAS],
+    /// By process and counter: its value when first seen, and now.
+    counters: BTreeMap<String, Counted>,
+}
+
+/// A count of frames that a segmenter has not looked at, which starts over with either process.
+#[derive(Debug, Clone, Copy)]
+struct Unseen {
+    session: u64,
+    last: u64,
+    lost: u64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Counted {
+    pid: u32,
+    last: u64,
+    total: u64,
+}
+
+impl Losses {
+    /// Takes in the verdict on a trigger.
+    pub fn frameset(&mut self, frameset: &Frameset) {
+        let delivered = u64::from(frameset.delivered.count_ones());
+        self.published += delivered;
+        self.not_published += u64::from((frameset.expected & !frameset.delivered).count_ones());
+        if frameset.verdict == Verdict::Unsynchronised.code() {
+            self.unsynchronised += delivered;
+        }
+    }
+
+    /// Takes in what a segmenter says of the frames that it has not looked at.
+    pub fn detections(&mut self, detections: &Detections) {
+        let Some(place) = self.segmenter.get_mut(detections.camera as usize) else { return };
+        let now = detections.frames_lost;
+        match place {
+            Some(unseen) => {
+                // A new session of capture, or a new segmenter, counts from zero.
+                let new = unseen.session != detections.session || now < unseen.last;
+                unseen.lost += if new { now } else { now - unseen.last };
+                unseen.session = detections.session;
+                unseen.last = now;
+            }
+            None => *place = Some(Unseen { session: detections.session, last: now, lost: 0 }),
+        }
+    }
+
+    /// Takes in a process's counters.
+    pub fn health(&mut self, health: &Health) {
+        for counter in health.counters() {
+            let key = format!("{}/{}", health.process, counter.name);
+            let value = counter.value;
+            let new = Counted { pid: health.pid, last: value, total: 0 };
+            let counted = self.counters.entry(key).or_insert(new);
+            counted.total += if counted.pid == health.pid { value.saturating_sub(counted.last) } else { value };
+            (counted.pid, counted.last) = (health.pid, value);
+        }
+    }
+
+    /// What has been counted so far.
+    pub fn report(&self) -> FrameReport {
+        let unseen: u64 = self.segmenter.iter().flatten().map(|u| u.lost).sum();
+        let mut by_reason: BTreeMap<String, u64> = self
+            .counters
+            .iter()
+            .filter(|(name, counted)| counted.total > 0 && is_loss(name))
+            .map(|(name, counted)| (name.clone(), counted.total))
+            .collect();
+        for (reason, count) in [("not_published", self.not_published), ("not_segmented", unseen)] {
+            if count > 0 {
+                by_reason.insert(reason.into(), count);
+            }
+        }
+        FrameReport {
+            published: self.published,
+            lost: self.not_published + unseen,
+            unsynchronised: self.unsynchronised,
+            lost_by_reason: by_reason,
+        }
+    }
+
+    /// How much `counter` of `process` has grown since the observation began.
+    pub fn counted(&self, process: &str, counter: &str) -> Option<u64> {
+        self.counters.get(&format!("{process}/{counter}")).map(|c| c.total)
+    }
+}
+
+/// Whether a counter of `rig/health` counts something that went missing.
+fn is_loss(name: &str) -> bool {
+    ["lost", "late", "dropped", "unsynchronised", "incomplete"].iter().any(|word| name.contains(word))
+}
+
+/// Frames, by what became of them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct FrameReport {
+    /// Published by capture.
+    pub published: u64,
+    /// Published and not looked at by the segmenter, or triggered and not published.
+    pub lost: u64,
+    /// Published, but their trigger's exposures lie further apart than the tolerance.
+    pub unsynchronised: u64,
+    /// The losses above and the processes' own loss counters, where they are not zero.
+    pub lost_by_reason: BTreeMap<String, u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(session: u64, frames_lost: u64) -> Detections {
+        Detections { session, frames_lost, ..Detections::default() }
+    }
+
+    #[test]
+    fn losses_are_counted_from_where_the_observation_began_over_restarts() {
+        let mut losses = Losses::default();
+        for (session, lost) in [(1, 100), (1, 101), (1, 103), (2, 0), (2, 2), (2, 1)] {
+            losses.detections(&seen(session, lost));
+        }
+        let verdict = Verdict::Incomplete.code();
+        losses.frameset(&Frameset { expected: 0b11, delivered: 0b01, verdict, ..Frameset::default() });
+        let verdict = Verdict::Unsynchronised.code();
+        losses.frameset(&Frameset { expected: 0b11, delivered: 0b11, verdict, ..Frameset::default() });
+        let report = losses.report();
+        assert_eq!((report.published, report.unsynchronised), (3, 2));
+        assert_eq!(report.lost, 1 + (3 + 2 + 1), "one not published; 3 before and 2 + 1 after the restarts");
+        assert_eq!(report.lost_by_reason["not_segmented"], 6);
+    }
+}

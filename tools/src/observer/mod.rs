@@ -1,0 +1,12 @@
+//! A running rig seen from outside: messages, latencies, losses. Attaching costs the pipeline nothing but
+//! the messages' wake-ups.
+
+mod latency;
+mod losses;
+mod observe;
+mod tally;
+
+pub use latency::{LATENCIES, Latencies, LatencyReport, Quantiles};
+pub use losses::{FrameReport, Losses};
+pub use observe::{Observed, Observer};
+pub use tally::Tally;

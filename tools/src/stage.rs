@@ -1,0 +1,50 @@
+//! What every process of a rig does around its own work.
+
+use std::{error::Error, sync::Arc};
+
+use netcord_common::{Counters, Shutdown, bus::Bus, rig::Rig};
+
+use crate::{
+    commands::RigArgs,
+    exit::{CommandResult, Outcome},
+};
+
+/// What a process of a rig has at hand.
+#[derive(Debug)]
+pub struct Stage {
+    /// The rig.
+    pub rig: Rig,
+    /// Membership of its domain.
+    pub bus: Bus,
+    /// Set by SIGINT and SIGTERM.
+    pub stop: Shutdown,
+    /// The process's counters.
+    pub counters: Arc<Counters>,
+}
+
+/// Loads the rig, joins its domain as `process`, and runs `body` until it returns. When the body's
+/// counters say `running`, whoever started this process is told so by systemd's protocol
+/// (`NOTIFY_SOCKET`: systemd with `Type=notify`, or `netcord up`).
+///
+/// # Errors
+/// What is wrong with the rig file, what the bus refuses, and the body's own.
+pub fn run<E: Into<Box<dyn Error>>>(
+    process: &str,
+    args: &RigArgs,
+    body: impl FnOnce(&Stage) -> Result<(), E>,
+) -> CommandResult {
+    let (rig, domain) = args.load()?;
+    let stop = Shutdown::on_signals()?;
+    let bus = Bus::join(&domain, process)?;
+    let counters = Counters::new();
+    counters.when_running(notify_ready);
+    body(&Stage { rig, bus, stop, counters }).map_err(Into::into)?;
+    Ok(Outcome::Good)
+}
+
+/// Tells the process's supervisor, if it has one that listens, that it is at work.
+pub fn notify_ready() {
+    if let Err(e) = sd_notify::notify(&[sd_notify::NotifyState::Ready]) {
+        tracing::warn!("the supervisor at NOTIFY_SOCKET cannot be told of readiness: {e}");
+    }
+}

@@ -1,0 +1,53 @@
+//! A few lines at the bottom of the terminal that are drawn anew, under what has been said before.
+
+use std::io::{self, IsTerminal, Write};
+
+/// The live lines, on standard error. Where that is no terminal, they are left out.
+#[derive(Debug)]
+pub struct LiveLines {
+    terminal: bool,
+    drawn: usize,
+}
+
+impl LiveLines {
+    /// Draws nothing yet; with `quiet` never.
+    pub fn new(quiet: bool) -> Self {
+        Self { terminal: !quiet && io::stderr().is_terminal(), drawn: 0 }
+    }
+
+    /// Whether anybody sees the lines.
+    pub const fn is_seen(&self) -> bool {
+        self.terminal
+    }
+
+    /// Replaces the lines.
+    pub fn draw(&mut self, lines: &[String]) {
+        if !self.terminal {
+            return;
+        }
+        let mut text = self.erase();
+        for line in lines {
+            text.push_str(line);
+            text.push('\n');
+        }
+        self.drawn = lines.len();
+        write_all(&text);
+    }
+
+    /// Says a line that stays, above the live ones (which are gone until they are next drawn).
+    pub fn say(&mut self, line: &str) {
+        let erase = self.erase();
+        self.drawn = 0;
+        write_all(&format!("{erase}{line}\n"));
+    }
+
+    /// Moves to the first drawn line and clears from there.
+    fn erase(&self) -> String {
+        if self.drawn == 0 { String::new() } else { format!("\x1b[{}A\x1b[J", self.drawn) }
+    }
+}
+
+fn write_all(text: &str) {
+    // Nobody is left to tell when the terminal is gone.
+    let _ = io::stderr().write_all(text.as_bytes());
+}
