@@ -1,7 +1,10 @@
 //! The command line: options that all subcommands share, and the list of subcommands.
 
 use clap::{Parser, Subcommand};
-use netcord_common::telemetry::{self, LogFormat};
+use netcord_common::{
+    realtime,
+    telemetry::{self, LogFormat},
+};
 
 use crate::{commands, exit::CommandResult};
 
@@ -20,6 +23,14 @@ pub struct Cli {
     #[arg(long, global = true, env = "NETCORD_LOG_FORMAT", default_value = "text", value_name = "FORMAT")]
     log_format: LogFormat,
 
+    /// Run on these processors only, such as 0,2.
+    #[arg(long, global = true, value_name = "CPUS", value_delimiter = ',')]
+    cpus: Vec<usize>,
+
+    /// Run with this SCHED_FIFO real-time priority, 1-99.
+    #[arg(long, global = true, value_name = "P", value_parser = clap::value_parser!(i32).range(1..=99))]
+    priority: Option<i32>,
+
     #[command(subcommand)]
     command: Command,
 }
@@ -27,10 +38,16 @@ pub struct Cli {
 /// One row a subcommand.
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Start the processes of a rig, watch them, restart those that die, stop all in order.
+    Up(commands::up::Args),
     /// Find the ball's position at each trigger from the detections of all cameras.
     Triangulate(commands::triangulate::Args),
     /// Predict the ball's flight, live or over recorded flights.
     Predict(commands::predict::Args),
+    /// Measure latencies, rates and losses of a running rig.
+    Latency(commands::latency::Args),
+    /// Print messages of a running rig as JSON lines.
+    Listen(commands::listen::Args),
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
     /// Calibrate cameras, rig and table, from printed boards.
@@ -41,9 +58,18 @@ impl Cli {
     /// Runs the subcommand.
     pub fn run(self) -> CommandResult {
         telemetry::init(&self.log, self.log_format)?;
+        if !self.cpus.is_empty() {
+            realtime::bind_to_cpus(&self.cpus)?;
+        }
+        if let Some(priority) = self.priority {
+            realtime::set_fifo_priority(priority)?;
+        }
         match self.command {
+            Command::Up(args) => commands::up::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),
+            Command::Latency(args) => commands::latency::run(&args),
+            Command::Listen(args) => commands::listen::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Calib(args) => commands::calib::run(&args),
         }

@@ -3,8 +3,11 @@
 mod cli;
 mod commands;
 mod exit;
+mod observer;
 mod plot;
+mod stage;
 mod supervisor;
+mod terminal;
 
 use std::process::ExitCode;
 

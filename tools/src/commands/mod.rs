@@ -1,9 +1,12 @@
 //! One file a subcommand: its `Args`, and `run`.
 
 pub mod calib;
+pub mod latency;
+pub mod listen;
 pub mod predict;
 pub mod rig;
 pub mod triangulate;
+pub mod up;
 
 use std::path::PathBuf;
 

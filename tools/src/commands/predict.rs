@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use netcord_common::{Counters, DomainName, Shutdown, bus::Bus, rig::Rig};
+use netcord_common::DomainName;
 use netcord_detect::flight::{self, PredictOptions};
 
-use crate::exit::{CommandResult, Outcome};
+use super::RigArgs;
+use crate::{exit::CommandResult, stage};
 
 /// Predict the ball's flight: live, from `ball/position` to `ball/trajectory` and the search windows.
 #[derive(Debug, clap::Args)]
@@ -25,17 +26,12 @@ pub struct Args {
 
 /// Runs the subcommand.
 pub fn run(args: &Args) -> CommandResult {
-    let rig = args.rig.as_ref().ok_or("no rig: give its file with --rig RIG.toml")?;
-    live(args, &Rig::load(rig)?)
-}
-
-fn live(args: &Args, rig: &Rig) -> CommandResult {
-    let domain = args.domain.clone().unwrap_or_else(|| rig.name.clone());
-    let stop = Shutdown::on_signals()?;
-    let bus = Bus::join(&domain, "predict")?;
+    let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;
+    let rig = RigArgs { rig, domain: args.domain.clone() };
     let options = PredictOptions { hitting_plane_y_m: args.hitting_plane_y_m };
-    flight::live::run(&bus, rig, options, &stop, &Counters::new(), || {
-        tracing::info!(%domain, "predict is ready");
-    })?;
-    Ok(Outcome::Good)
+    stage::run("predict", &rig, |stage| {
+        flight::live::run(&stage.bus, &stage.rig, options, &stage.stop, &stage.counters, || {
+            tracing::info!(domain = %stage.bus.domain(), "predict is ready");
+        })
+    })
 }

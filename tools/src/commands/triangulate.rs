@@ -1,10 +1,10 @@
 //! `netcord triangulate`: from detections to positions, live.
 
-use netcord_common::{Counters, Shutdown, bus::Bus, wire::MethodCode};
+use netcord_common::wire::MethodCode;
 use netcord_detect::triangulate::{CALIBRATION_SLACK_PX, TriangulateOptions, live};
 
 use super::RigArgs;
-use crate::exit::{CommandResult, Outcome};
+use crate::{exit::CommandResult, stage};
 
 /// Finds the ball's position at each trigger from the detections of all cameras, and publishes it on
 /// ball/position, or the reason why there is none. Says which camera no longer fits the rig.
@@ -56,12 +56,9 @@ pub fn method_of(name: &str) -> Result<MethodCode, String> {
 
 /// Runs `netcord triangulate`.
 pub fn run(args: &Args) -> CommandResult {
-    let (rig, domain) = args.rig.load()?;
-    let stop = Shutdown::on_signals()?;
-    let counters = Counters::new();
-    let bus = Bus::join(&domain, "triangulate")?;
-    live::run(&bus, &rig, &args.options.options(), &stop, &counters, || {
-        tracing::info!(%domain, "triangulate is ready");
-    })?;
-    Ok(Outcome::Good)
+    stage::run("triangulate", &args.rig, |stage| {
+        live::run(&stage.bus, &stage.rig, &args.options.options(), &stage.stop, &stage.counters, || {
+            tracing::info!(domain = %stage.bus.domain(), "triangulate is ready");
+        })
+    })
 }

@@ -59,7 +59,8 @@ pub fn run(args: &Args) -> CommandResult {
     let mut supervisor = Supervisor::new(launches(&rig, &args.rig, &domain)?);
     let bus = Bus::join(&domain, "up")?;
     bus.clean_up_dead();
-    let mut narrator = Narrator { events: args.events, live: LiveLines::new(args.quiet), died: 0, given_up: None };
+    let mut narrator =
+        Narrator { events: args.events, live: LiveLines::new(args.quiet), died: 0, given_up: None };
     let result = watch(args, &rig, &bus, &stop, &mut supervisor, &mut narrator);
     let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
     supervisor.stop(&mut |happening| narrator.tell(&happening));
@@ -206,11 +207,15 @@ fn as_text(happening: &Happening) -> String {
 fn as_json(happening: &Happening) -> serde_json::Value {
     let t_ns = MonotonicClock.now().as_ns();
     match happening {
-        Happening::Started { name, pid } => json!({"t_ns": t_ns, "event": "started", "process": name, "pid": pid}),
+        Happening::Started { name, pid } => {
+            json!({"t_ns": t_ns, "event": "started", "process": name, "pid": pid})
+        }
         Happening::Ready { name, pid, after } => json!({
             "t_ns": t_ns, "event": "ready", "process": name, "pid": pid, "after_ms": after.as_secs_f64() * 1e3,
         }),
-        Happening::Line { name, line } => json!({"t_ns": t_ns, "event": "line", "process": name, "line": line}),
+        Happening::Line { name, line } => {
+            json!({"t_ns": t_ns, "event": "line", "process": name, "line": line})
+        }
         Happening::Ended { name, pid, how, again_in } => json!({
             "t_ns": t_ns, "event": "ended", "process": name, "pid": pid, "how": how,
             "again_in_ms": again_in.map(|wait| wait.as_secs_f64() * 1e3),

@@ -156,7 +156,10 @@ mod tests {
         latencies.position(&BallPosition { reason: 1, ..BallPosition::default() });
         let report = latencies.report();
         let q = report.frame_to_position.expect("measured");
-        assert!((q.p50 - 5.0).abs() < 0.02 && (q.p99 - 9.9).abs() < 0.02 && (q.max - 10.0).abs() < 0.02, "{q:?}");
+        assert!(
+            (q.p50 - 5.0).abs() < 0.02 && (q.p99 - 9.9).abs() < 0.02 && (q.max - 10.0).abs() < 0.02,
+            "{q:?}"
+        );
         let exposure = report.exposure_to_position.expect("measured");
         assert!((exposure.p50 - 8.0).abs() < 0.02);
         assert!((report.capture.expect("measured").max - 3.1).abs() < 0.01);

@@ -64,7 +64,8 @@ impl Losses {
             let value = counter.value;
             let new = Counted { pid: health.pid, last: value, total: 0 };
             let counted = self.counters.entry(key).or_insert(new);
-            counted.total += if counted.pid == health.pid { value.saturating_sub(counted.last) } else { value };
+            counted.total +=
+                if counted.pid == health.pid { value.saturating_sub(counted.last) } else { value };
             (counted.pid, counted.last) = (health.pid, value);
         }
     }

@@ -34,7 +34,9 @@ impl Tally {
                         self.positions += 1;
                         self.last_position_m = Some(position.position_m);
                     }
-                    PositionOutcome::None(reason) => *self.none.entry(NoPosition::name(reason)).or_default() += 1,
+                    PositionOutcome::None(reason) => {
+                        *self.none.entry(NoPosition::name(reason)).or_default() += 1
+                    }
                 }
             }
         }

@@ -11,10 +11,7 @@ use nix::{
     sys::signal::Signal,
 };
 
-use super::{
-    Backoff, Launch, LaunchError,
-    child::Child,
-};
+use super::{Backoff, Launch, LaunchError, child::Child};
 
 /// What a process is doing, as its supervisor sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -394,7 +391,9 @@ mod tests {
         let fails: Vec<_> = happened
             .iter()
             .filter_map(|h| match h {
-                Happening::Ended { name, how, again_in, .. } if name == "fails" => Some((how.as_str(), *again_in)),
+                Happening::Ended { name, how, again_in, .. } if name == "fails" => {
+                    Some((how.as_str(), *again_in))
+                }
                 _ => None,
             })
             .collect();
@@ -408,8 +407,7 @@ mod tests {
     #[test]
     fn what_never_gets_ready_is_given_up_with_its_last_words() {
         let mut supervisor = Supervisor::new(vec![shell("bad", "echo why >&2; exit 2", Restart::Always)]);
-        let happened =
-            until(&mut supervisor, |h| h.iter().any(|h| matches!(h, Happening::GivenUp { .. })));
+        let happened = until(&mut supervisor, |h| h.iter().any(|h| matches!(h, Happening::GivenUp { .. })));
         let Some(Happening::GivenUp { last_lines, .. }) = happened.last() else { panic!("{happened:?}") };
         assert!(last_lines.contains(&"why".to_owned()));
         assert!(supervisor.all_ended());
