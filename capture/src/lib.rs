@@ -4,12 +4,14 @@
 //! - [`FrameSource`] is what a synthetic scene, a recording and a set of devices have in common; a
 //!   source fills slots that it gets from the [`FrameSink`].
 //! - [`run`] is the body of `netcord capture`.
+//! - [`usb`] drives USB3 Vision cameras.
 //! - [`FramesetAssembler`] gives the verdict on each trigger.
 
 mod frameset;
 mod run;
 mod sink;
 mod source;
+pub mod usb;
 
 pub use frameset::{Arrival, FramesetAssembler, FramesetRules};
 pub use run::{CaptureError, run};

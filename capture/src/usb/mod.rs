@@ -1,0 +1,7 @@
+//! USB3 Vision cameras, through rusb and nothing proprietary.
+
+mod bytes;
+pub mod genapi;
+pub mod gencp;
+#[cfg(test)]
+mod testing;

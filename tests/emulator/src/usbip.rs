@@ -1,0 +1,1 @@
+//! The server that shows emulated cameras to a real USB stack.
