@@ -38,6 +38,8 @@ pub struct Cli {
 /// One row a subcommand.
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run the whole pipeline on a synthetic rally and check it against the truth.
+    Demo(commands::demo::Args),
     /// Start the processes of a rig, watch them, restart those that die, stop all in order.
     Up(commands::up::Args),
     /// Find the ball's position at each trigger from the detections of all cameras.
@@ -65,6 +67,7 @@ impl Cli {
             realtime::set_fifo_priority(priority)?;
         }
         match self.command {
+            Command::Demo(args) => commands::demo::run(&args),
             Command::Up(args) => commands::up::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),

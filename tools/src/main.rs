@@ -8,6 +8,7 @@ mod plot;
 mod stage;
 mod supervisor;
 mod terminal;
+mod trial;
 
 use std::process::ExitCode;
 

@@ -13,6 +13,7 @@ use netcord_common::{
 };
 use serde_json::json;
 
+use super::listen::truth_domain;
 use crate::{
     exit::{CommandResult, Outcome},
     observer::{Observer, Tally},
@@ -51,6 +52,9 @@ pub struct Args {
 /// How often the live view is drawn, and the domain's messages are read for it.
 const VIEW_INTERVAL: Duration = Duration::from_millis(200);
 
+/// How long a stage gets to end in order before it is killed; it looks at its flag ten times a second.
+const STOP_PATIENCE: Duration = Duration::from_secs(3);
+
 /// Runs `netcord up`.
 pub fn run(args: &Args) -> CommandResult {
     let rig = Rig::load(&args.rig)?;
@@ -67,6 +71,8 @@ pub fn run(args: &Args) -> CommandResult {
     bus.clean_up_dead();
     drop(bus);
     DomainRemains::of(&domain).remove()?;
+    // A synthetic capture publishes the truth in a domain of its own.
+    DomainRemains::of(&truth_domain(&domain)?).remove()?;
     result?;
     match (narrator.given_up, narrator.died) {
         (Some(name), _) => Err(format!("{name} does not start; its last lines are above").into()),
@@ -142,6 +148,7 @@ fn launches(rig: &Rig, path: &Path, domain: &DomainName) -> std::io::Result<Vec<
             executable: executable.clone(),
             arguments: arguments(process, &path, domain),
             restart: process.restart,
+            stop_patience: STOP_PATIENCE,
         });
     }
     Ok(launches)

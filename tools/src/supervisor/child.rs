@@ -34,6 +34,8 @@ pub struct Launch {
     pub arguments: Vec<OsString>,
     /// What happens when it ends by itself.
     pub restart: Restart,
+    /// How long it gets to end in order before it is killed.
+    pub stop_patience: Duration,
 }
 
 /// A process that could not be started.

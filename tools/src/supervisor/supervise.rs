@@ -131,8 +131,6 @@ const READY_PATIENCE: Duration = Duration::from_secs(3);
 /// A process that ends this often in a row without ever having been ready has a mistake that no restart
 /// cures.
 const TRIES: u32 = 4;
-/// How long a process gets to end in order before it is killed.
-const STOP_PATIENCE: Duration = Duration::from_secs(3);
 /// Lines kept of each process for the message when it is given up.
 const LAST_LINES: usize = 8;
 
@@ -300,7 +298,7 @@ impl Managed {
             let asked = Instant::now();
             loop {
                 match child.exit() {
-                    Ok(None) if asked.elapsed() < STOP_PATIENCE => {
+                    Ok(None) if asked.elapsed() < self.launch.stop_patience => {
                         forward_lines(child, &self.launch.name, &mut self.last_lines, on);
                         let mut descriptors: Vec<_> =
                             child.descriptors().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
@@ -310,7 +308,9 @@ impl Managed {
                         forward_lines(child, &self.launch.name, &mut self.last_lines, on);
                         let how = match ended {
                             Ok(Some(status)) => in_words(status),
-                            _ => format!("killed: it did not stop within {} s", STOP_PATIENCE.as_secs()),
+                            _ => {
+                                format!("killed: it did not stop within {:?}", self.launch.stop_patience)
+                            }
                         };
                         let (name, pid) = (self.launch.name.clone(), child.pid());
                         on(Happening::Ended { name, pid, how, again_in: None });
@@ -359,7 +359,13 @@ mod tests {
 
     fn shell(name: &str, script: &str, restart: Restart) -> Launch {
         let arguments = ["-c", script].map(OsString::from).to_vec();
-        Launch { name: name.into(), executable: PathBuf::from("/bin/sh"), arguments, restart }
+        Launch {
+            name: name.into(),
+            executable: PathBuf::from("/bin/sh"),
+            arguments,
+            restart,
+            stop_patience: Duration::from_secs(3),
+        }
     }
 
     /// Steps until `enough`, and returns all that happened.

@@ -1,0 +1,15 @@
+//! A trial: the whole pipeline as real processes in a fresh domain, on a synthetic rally, judged against
+//! the truth. `demo` is one trial; `bench` runs many.
+
+mod cpu;
+mod judge;
+mod plots;
+mod report;
+mod running;
+mod setup;
+mod view;
+
+pub use judge::{Judged, Judgement};
+pub use report::TrialReport;
+pub use running::{Trial, TrialError, run};
+pub use setup::{Scene, Setup};
