@@ -14,11 +14,15 @@
 //! search windows of all cameras hold a ball and agree, the position is given without waiting for the rest
 //! of the frame.
 
+#[cfg(test)]
+mod association_tests;
 mod camera;
 mod consensus;
 mod estimate;
 pub mod live;
 mod matcher;
+#[cfg(test)]
+mod matcher_tests;
 mod memory;
 mod methods;
 mod options;
@@ -27,6 +31,8 @@ mod testing;
 mod triangulator;
 mod variance;
 mod watch;
+#[cfg(test)]
+mod watch_tests;
 
 pub use camera::{Observation, PosedCamera};
 pub use estimate::Estimate;

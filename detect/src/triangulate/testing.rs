@@ -1,10 +1,16 @@
 //! Rigs and projections for tests: written without the camera model that is under test.
 
+use std::path::Path;
+
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};
 use netcord_common::{
     camera::{CameraModel, Distortion},
     geometry::Transform,
+    rig::Rig,
+    wire::{Detection, DetectionFlags, Detections, Scope},
 };
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
 
 use super::{Observation, PosedCamera};
 
@@ -86,4 +92,63 @@ pub(crate) fn observe_all(
         .enumerate()
         .map(|(i, (p, c))| c.observe(i, p.pixel(point), covariance).expect("in view"))
         .collect()
+}
+
+/// An example rig of the repository, and its cameras as plain numbers.
+pub(crate) fn example(cameras: usize) -> (Rig, Vec<Plain>) {
+    let file = format!("../common/rigs/example-{cameras}cam.toml");
+    let rig = Rig::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).expect("an example rig");
+    let plain = rig
+        .cameras
+        .iter()
+        .map(|c| Plain {
+            k: [c.model.fx, c.model.fy, c.model.cx, c.model.cy],
+            d: c.model.distortion.to_array(),
+            r: *c.camera_from_world.rotation.matrix(),
+            t: c.camera_from_world.translation,
+        })
+        .collect();
+    (rig, plain)
+}
+
+/// A detection of the ball as a good segmenter would give it: centre with noise of `sigma_px`, stated
+/// honestly.
+pub(crate) fn detection(plain: &Plain, ball: &Vector3<f64>, sigma_px: f64, random: &mut Pcg64) -> Detection {
+    let pixel = plain.pixel(ball) + normal2(random) * sigma_px;
+    let depth = (plain.r * ball + plain.t).z;
+    let variance = (sigma_px * sigma_px).max(1e-6);
+    Detection {
+        u_px: pixel.x,
+        v_px: pixel.y,
+        covariance_px2: [variance, 0.0, variance],
+        diameter_px: plain.k[0] * 0.040 / depth,
+        score: 0.8,
+        flags: DetectionFlags::SPHERE_CORRECTED,
+        ..Detection::default()
+    }
+}
+
+/// Two independent standard normal numbers.
+pub(crate) fn normal2(random: &mut Pcg64) -> Vector2<f64> {
+    let mut normal = || -> f64 { StandardNormal.sample(random) };
+    Vector2::new(normal(), normal())
+}
+
+/// A camera's message of trigger `trigger_id`, 10 ms after the one before.
+pub(crate) fn message(camera: usize, trigger_id: u64, scope: Scope, items: &[Detection]) -> Detections {
+    let mut message = Detections {
+        trigger_id,
+        sequence: trigger_id,
+        camera: u32::try_from(camera).expect("few"),
+        scope: scope.code(),
+        ..Detections::default()
+    };
+    message.stamps.mid_exposure_ns = trigger_id * 10_000_000;
+    items.iter().for_each(|d| message.insert(*d));
+    message
+}
+
+/// A stroke over the table: position at `t` seconds.
+pub(crate) fn stroke(t: f64) -> Vector3<f64> {
+    Vector3::new(0.3 - 0.8 * t, -1.2 + 5.0 * t, 0.25 + 2.2 * t - 0.5 * 9.81 * t * t)
 }

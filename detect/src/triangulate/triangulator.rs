@@ -142,6 +142,9 @@ impl Triangulator {
             },
             None => {
                 let reason = self.reason(&obstacles);
+                if reason == NoPosition::ResidualTooLarge {
+                    self.watch_lone_candidates();
+                }
                 self.remember_all(t_ns, None);
                 return self.absent(position, reason);
             }
@@ -438,6 +441,20 @@ impl Triangulator {
             }
         }
         self.watch.see(&self.cameras, &seen[..count]);
+    }
+
+    /// Shows the watch candidates that do not agree although each is the only one of its camera: after a
+    /// hard knock nothing ever agrees, and no position would tell.
+    fn watch_lone_candidates(&mut self) {
+        let mut seen = [self.candidates[0].observation; MAX_CAMERAS];
+        for (i, c) in self.candidates.iter().enumerate() {
+            let camera = c.observation.camera;
+            if i > 0 && self.candidates[i - 1].observation.camera == camera {
+                return;
+            }
+            seen[i] = c.observation;
+        }
+        self.watch.see(&self.cameras, &seen[..self.candidates.len()]);
     }
 
     fn remember_all(&mut self, t_ns: u64, chosen: Option<&Hypothesis>) {
