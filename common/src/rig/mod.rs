@@ -8,6 +8,7 @@ mod ball;
 mod camera;
 mod edit;
 mod error;
+pub mod exchange;
 mod file;
 mod flight;
 mod process;

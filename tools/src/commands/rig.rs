@@ -1,9 +1,19 @@
-//! `netcord rig`: checks a rig file and shows what it says.
+//! `netcord rig`: checks a rig file and shows what it says; imports and exports calibrations.
 
-use std::path::PathBuf;
+use std::{
+    error::Error,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use clap::Subcommand;
-use netcord_common::rig::Rig;
+use netcord_common::{
+    CameraName, DomainName, PixelFormat,
+    rig::{
+        Rig, RigEdit,
+        exchange::{self, Format, ImportDefaults},
+    },
+};
 
 use crate::exit::{CommandResult, Outcome};
 
@@ -21,36 +31,153 @@ enum Action {
         /// The rig file.
         rig: PathBuf,
     },
+    /// Make a rig file from a calibration of OpenCV, ROS, Kalibr, the original rig, or from JSON.
+    Import(ImportArgs),
+    /// Write a rig's calibration for OpenCV, ROS, Kalibr, the original rig's programs, or as JSON.
+    Export(ExportArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct ImportArgs {
+    /// The calibration: OpenCV YAML, ROS camera_info YAML, Kalibr camera chain YAML, the original rig's
+    /// YAML, or JSON {"cameras": [{"name", "width", "height", "K", "D", "R", "t"}]}, camera from table.
+    file: PathBuf,
+
+    /// The rig file to write. One that is there is kept as <RIG>.bak.
+    #[arg(long, value_name = "RIG.toml")]
+    out: PathBuf,
+
+    /// Set the calibration of the cameras in the rig file that is there, and keep all else that it says.
+    #[arg(long)]
+    update: bool,
+
+    /// The format: opencv, ros, kalibr, parameters or json [default: told from the file].
+    #[arg(long)]
+    format: Option<Format>,
+
+    /// The rig's name [default: that of the file to write].
+    #[arg(long)]
+    name: Option<DomainName>,
+
+    /// The camera's name, for files of one camera [default: as the file says, or its own name].
+    #[arg(long)]
+    camera: Option<CameraName>,
+
+    /// The image size, where the file does not say it.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size_of)]
+    size: Option<(u32, u32)>,
+
+    /// The mosaic of the cameras.
+    #[arg(long, default_value = "BayerRG8")]
+    pixel_format: PixelFormat,
+
+    /// The exposure of the cameras, in microseconds.
+    #[arg(long, default_value_t = 1000.0, value_name = "US")]
+    exposure_us: f64,
+}
+
+#[derive(Debug, clap::Args)]
+struct ExportArgs {
+    /// The rig file.
+    rig: PathBuf,
+
+    /// The format: opencv, ros, kalibr, parameters or json.
+    #[arg(long)]
+    format: Format,
+
+    /// The camera, for formats that hold one.
+    #[arg(long)]
+    camera: Option<CameraName>,
+
+    /// The file to write [default: standard output].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+fn size_of(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once(['x', '×']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    parsed.ok_or_else(|| format!("{text:?} is no image size; give it as 1920x1200"))
 }
 
 /// Runs `netcord rig`.
 pub fn run(args: &Args) -> CommandResult {
     match &args.action {
-        Action::Show { rig } => {
-            let rig = Rig::load(rig)?;
-            println!(
-                "{}: {} cameras at {} Hz, results in the {} frame",
-                rig.name,
-                rig.cameras.len(),
-                rig.rate_hz,
-                rig.world
-            );
-            for camera in &rig.cameras {
-                let centre = camera.camera_from_world.origin().coords;
-                println!(
-                    "  {:<12} {} × {} {}  f {:.1} × {:.1} px  at ({:+.3}, {:+.3}, {:+.3}) m",
-                    camera.name.as_str(),
-                    camera.model.width,
-                    camera.model.height,
-                    camera.pixel_format,
-                    camera.model.fx,
-                    camera.model.fy,
-                    centre.x,
-                    centre.y,
-                    centre.z
-                );
-            }
-            Ok(Outcome::Good)
-        }
+        Action::Show { rig } => show(&Rig::load(rig)?),
+        Action::Import(args) => import(args)?,
+        Action::Export(args) => export(args)?,
     }
+    Ok(Outcome::Good)
+}
+
+fn show(rig: &Rig) {
+    println!(
+        "{}: {} cameras at {} Hz, results in the {} frame",
+        rig.name,
+        rig.cameras.len(),
+        rig.rate_hz,
+        rig.world
+    );
+    for camera in &rig.cameras {
+        let centre = camera.camera_from_world.origin().coords;
+        println!(
+            "  {:<12} {} × {} {}  f {:.1} × {:.1} px  at ({:+.3}, {:+.3}, {:+.3}) m",
+            camera.name.as_str(),
+            camera.model.width,
+            camera.model.height,
+            camera.pixel_format,
+            camera.model.fx,
+            camera.model.fy,
+            centre.x,
+            centre.y,
+            centre.z
+        );
+    }
+}
+
+fn import(args: &ImportArgs) -> Result<(), Box<dyn Error>> {
+    let text =
+        fs::read_to_string(&args.file).map_err(|e| format!("cannot read {}: {e}", args.file.display()))?;
+    let mut set = exchange::read(&text, &args.file, args.format, args.size)?;
+    if let Some(name) = &args.camera {
+        let [camera] = &mut set.cameras[..] else {
+            let count = set.cameras.len();
+            return Err(
+                format!("--camera names one camera, but {} holds {count}", args.file.display()).into()
+            );
+        };
+        camera.name = name.clone();
+    }
+    let mut edit = if args.update {
+        RigEdit::open(&args.out)?
+    } else {
+        let name = args.name.clone().map_or_else(|| name_of(&args.out), Ok)?;
+        RigEdit::create(&args.out, name.as_str())
+    };
+    set.write_into(
+        &mut edit,
+        &ImportDefaults { pixel_format: args.pixel_format, exposure_us: args.exposure_us },
+    );
+    // What has been imported may be a part: the rest may follow with --update.
+    match edit.resolve() {
+        Ok(rig) => show(&rig),
+        Err(e) => println!("not complete yet: {e}"),
+    }
+    edit.save()?;
+    println!("written to {}", args.out.display());
+    Ok(())
+}
+
+fn name_of(path: &Path) -> Result<DomainName, Box<dyn Error>> {
+    let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+    DomainName::new(stem).map_err(|e| format!("{e}; give the rig another name with --name").into())
+}
+
+fn export(args: &ExportArgs) -> Result<(), Box<dyn Error>> {
+    let rig = Rig::load(&args.rig)?;
+    let text = exchange::write(&rig, args.format, args.camera.as_ref())?;
+    match &args.out {
+        Some(path) => fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?,
+        None => print!("{text}"),
+    }
+    Ok(())
 }
