@@ -1,0 +1,309 @@
+use netcord_common::FrameView;
+
+use super::{
+    kernel::{BackgroundRow, Kernel, LevelTables, WORD_PX},
+    noise::Noise,
+};
+
+/// Width of a zone of its own light, px.
+pub const ZONE_PX: usize = 256;
+/// Height of a zone, rows.
+pub const ZONE_ROWS: usize = 160;
+
+/// Stretches of pixels per zone that tell its light, and their length.
+const PROBES: usize = 8;
+const PROBE_PX: usize = 64;
+
+/// Once learnt, a row is looked at every so many frames: 160 ms at 100 Hz.
+const PERIOD: usize = 16;
+/// In the beginning more often.
+const FIRST_PERIOD: usize = 4;
+/// Frames that the beginning lasts.
+const FIRST_FRAMES: u64 = 64;
+
+/// From this change of light on, the background itself is brought to the new light: the tables by which a
+/// smaller change is followed are rounded to sixteen levels.
+const RELIGHT: f32 = 0.12;
+
+/// How many standard deviations a pixel's share in the threshold of a cell is. Four pure-noise pixels sum
+/// to (3.2 ± 1.2) σ, so that 4 × 2.6 σ is six deviations above.
+const THRESHOLD_SIGMAS: f32 = 2.6;
+
+/// Frames after which the background is taken as known.
+const KNOWN_AFTER: u64 = 12;
+
+/// Seconds until a level that stays is believed to be the background.
+const PATIENCE_S: f64 = 2.0;
+
+/// A rectangle of pixels, half open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PixelBox {
+    /// Left.
+    pub x0: usize,
+    /// Top.
+    pub y0: usize,
+    /// Right, exclusive.
+    pub x1: usize,
+    /// Bottom, exclusive.
+    pub y1: usize,
+}
+
+/// What a camera sees when no ball is there, by pixel, and how light and noise make frames differ from it.
+#[derive(Debug)]
+pub struct Background {
+    kernel: Kernel,
+    size: (usize, usize),
+    level: Vec<u8>,
+    other: Vec<u8>,
+    evidence: Vec<u8>,
+    zones: (usize, usize),
+    /// Light of each zone against that in which its background was learnt.
+    light: Vec<f32>,
+    tables: Vec<LevelTables>,
+    noise: Noise,
+    frames: u64,
+    patience: u8,
+    ratios: Vec<f32>,
+}
+
+impl Background {
+    /// Nothing known yet of a camera of `width` × `height` pixels that runs at `rate_hz`.
+    pub fn new(kernel: Kernel, (width, height): (usize, usize), rate_hz: f64) -> Self {
+        let zones = (width.div_ceil(ZONE_PX), height.div_ceil(ZONE_ROWS));
+        let pixels = width * height;
+        Self {
+            kernel,
+            size: (width, height),
+            level: vec![0; pixels],
+            other: vec![0; pixels],
+            evidence: vec![0; pixels],
+            zones,
+            light: vec![1.0; zones.0 * zones.1],
+            tables: vec![LevelTables::default(); zones.0 * zones.1],
+            noise: Noise::new(),
+            frames: 0,
+            patience: (PATIENCE_S * rate_hz / PERIOD as f64).round().clamp(4.0, 100.0) as u8,
+            ratios: vec![1.0; zones.0 * zones.1 * PROBES],
+        }
+    }
+
+    /// Whether enough frames have been seen to tell what is new in one.
+    pub fn is_known(&self) -> bool {
+        self.frames >= KNOWN_AFTER
+    }
+
+    /// Frames learnt from so far.
+    pub const fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Takes a frame as the background: the first one, or one of another scene.
+    pub fn start_over(&mut self, view: &FrameView<'_>) {
+        let (width, height) = self.size;
+        for y in 0..height {
+            self.level[y * width..][..width].copy_from_slice(view.row(y));
+        }
+        self.other.copy_from_slice(&self.level);
+        self.evidence.fill(0);
+        self.light.fill(1.0);
+        self.frames = 1;
+        self.make_tables();
+    }
+
+    /// The level of a row.
+    pub fn row(&self, y: usize) -> &[u8] {
+        &self.level[y * self.size.0..][..self.size.0]
+    }
+
+    /// The tables of the zones that row `y` lies in, from left to right.
+    pub fn tables(&self, y: usize) -> &[LevelTables] {
+        &self.tables[self.zone(0, y)..][..self.zones.0]
+    }
+
+    fn zone(&self, x: usize, y: usize) -> usize {
+        (y / ZONE_ROWS).min(self.zones.1 - 1) * self.zones.0 + (x / ZONE_PX).min(self.zones.0 - 1)
+    }
+
+    /// The level expected at a pixel in the light of the present frame, DN.
+    #[inline]
+    pub fn expected(&self, x: usize, y: usize) -> f32 {
+        (f32::from(self.level[y * self.size.0 + x]) * self.light[self.zone(x, y)]).min(255.0)
+    }
+
+    /// The noise of differences.
+    pub const fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
+    /// Finds out how the light of a frame differs from the background's, zone by zone, from stretches spread
+    /// over the frame (1.4 % of it). Mains flicker and dimmed lamps change all of a zone alike, which things
+    /// that move do not: medians tell them apart.
+    pub fn look_at_light(&mut self, view: &FrameView<'_>) {
+        let (width, height) = self.size;
+        let mut n = 0;
+        for zone_y in 0..self.zones.1 {
+            for zone_x in 0..self.zones.0 {
+                let rows = (height - zone_y * ZONE_ROWS).min(ZONE_ROWS);
+                let columns = (width - zone_x * ZONE_PX).min(ZONE_PX);
+                let light = self.light[zone_y * self.zones.0 + zone_x];
+                for probe in 0..PROBES {
+                    // A lattice that shifts with the frames, so that in time all of the zone is looked at.
+                    let shift = (self.frames as usize).wrapping_mul(7) + probe * rows / PROBES;
+                    let y = zone_y * ZONE_ROWS + shift % rows;
+                    let room = columns.saturating_sub(PROBE_PX) + 1;
+                    let x = zone_x * ZONE_PX + (probe * 89 + self.frames as usize * 13) % room;
+                    let end = (x + PROBE_PX).min(width);
+                    let seen = &view.row(y)[x..end];
+                    let level = &self.level[y * width + x..y * width + end];
+                    let (mut sum_seen, mut sum_level) = (0_u32, 0_u32);
+                    for (s, l) in seen.iter().zip(level) {
+                        sum_seen += u32::from(*s);
+                        sum_level += u32::from(*l);
+                    }
+                    let count = seen.len() as f32;
+                    let (seen_mean, level_mean) = (sum_seen as f32 / count, sum_level as f32 / count);
+                    // Half a level added to both: dark stretches tell little and must not tell wild ratios.
+                    let ratio = (seen_mean + 0.5) / (level_mean + 0.5);
+                    self.ratios[n] = if level_mean < 3.0 || seen_mean > 250.0 { f32::NAN } else { ratio };
+                    n += 1;
+                    let gain = (light * 256.0) as i32;
+                    let mut deviation = 0_u32;
+                    for (s, l) in seen.iter().zip(level) {
+                        deviation += (i32::from(*s) - ((i32::from(*l) * gain) >> 8)).unsigned_abs();
+                    }
+                    self.noise.look(seen_mean, deviation as f32 / count);
+                }
+            }
+        }
+        let whole = median_of(&self.ratios).unwrap_or(1.0);
+        for zone in 0..self.light.len() {
+            let probes = &self.ratios[zone * PROBES..][..PROBES];
+            // Of the zone's probes those count that lie near the frame's own change or the zone's last one:
+            // the others see something that moves.
+            let last = self.light[zone];
+            let near = |r: f32| (r / whole - 1.0).abs() < 0.25 || (r / last - 1.0).abs() < 0.1;
+            let mut kept = [f32::NAN; PROBES];
+            for (kept, r) in kept.iter_mut().zip(probes) {
+                if near(*r) {
+                    *kept = *r;
+                }
+            }
+            let count = kept.iter().filter(|r| r.is_finite()).count();
+            let found = if count * 2 >= PROBES { median_of(&kept).unwrap_or(whole) } else { whole };
+            // Eight probes are a noisy witness; the whole frame is a steady one.
+            self.light[zone] = if (found / whole - 1.0).abs() < 0.03 { 0.7 * whole + 0.3 * found } else { found };
+        }
+        if self.frames.is_multiple_of(8) || self.frames < 8 {
+            self.noise.refit();
+        }
+        for zone in 0..self.light.len() {
+            if (self.light[zone] - 1.0).abs() > RELIGHT && self.is_known() {
+                self.relight(zone);
+            }
+        }
+        self.make_tables();
+    }
+
+    /// Brings the background of a zone to the present light.
+    fn relight(&mut self, zone: usize) {
+        let (width, height) = self.size;
+        let (zone_x, zone_y) = (zone % self.zones.0, zone / self.zones.0);
+        let light = self.light[zone];
+        let (x0, x1) = (zone_x * ZONE_PX, ((zone_x + 1) * ZONE_PX).min(width));
+        for y in zone_y * ZONE_ROWS..((zone_y + 1) * ZONE_ROWS).min(height) {
+            for plane in [&mut self.level, &mut self.other] {
+                for level in &mut plane[y * width + x0..y * width + x1] {
+                    *level = (f32::from(*level) * light).round().min(255.0) as u8;
+                }
+            }
+        }
+        self.light[zone] = 1.0;
+    }
+
+    fn make_tables(&mut self) {
+        for (tables, light) in self.tables.iter_mut().zip(&self.light) {
+            for i in 0..16 {
+                let level = (16 * i + 8) as f32;
+                let change = (level * (light - 1.0)).round();
+                tables.brighter[i] = change.max(0.0) as u8;
+                tables.dimmer[i] = (-change).max(0.0) as u8;
+                let rounding = 8.0 * (light - 1.0).abs();
+                let threshold = THRESHOLD_SIGMAS * self.noise.sigma(level * light) + 0.6 * rounding;
+                tables.threshold[i] = threshold.ceil().clamp(2.0, 60.0) as u8;
+            }
+        }
+    }
+
+    /// Learns from a frame, except inside `kept`: boxes of what may be the ball. One row in sixteen is looked
+    /// at in each frame.
+    pub fn learn(&mut self, view: &FrameView<'_>, kept: &[PixelBox]) {
+        let (width, height) = self.size;
+        let period = if self.frames < FIRST_FRAMES { FIRST_PERIOD } else { PERIOD };
+        let first = (self.frames as usize * 5) % period;
+        for y in (first..height).step_by(period) {
+            let mut x = 0;
+            while x < width {
+                // To the end of the zone, or to the next box, or from inside a box to its end.
+                let zone_end = ((x / ZONE_PX + 1) * ZONE_PX).min(width);
+                let inside = kept.iter().find(|b| (b.y0..b.y1).contains(&y) && (b.x0..b.x1).contains(&x));
+                if let Some(inside) = inside {
+                    x = inside.x1.min(width);
+                    continue;
+                }
+                let end = kept
+                    .iter()
+                    .filter(|b| (b.y0..b.y1).contains(&y) && b.x0 > x)
+                    .map(|b| b.x0)
+                    .fold(zone_end, usize::min);
+                let zone = self.zone(x, y);
+                let at = y * width;
+                let background = BackgroundRow {
+                    level: &mut self.level[at + x..at + end],
+                    other: &mut self.other[at + x..at + end],
+                    evidence: &mut self.evidence[at + x..at + end],
+                };
+                self.kernel.learn(&view.row(y)[x..end], background, &self.tables[zone], self.patience);
+                x = end;
+            }
+        }
+        self.frames += 1;
+    }
+
+    /// Takes the frame as the background inside a box: what was there has turned out to have gone.
+    pub fn replace(&mut self, view: &FrameView<'_>, area: &PixelBox) {
+        let width = self.size.0;
+        for y in area.y0..area.y1.min(self.size.1) {
+            for x in area.x0..area.x1.min(width) {
+                let light = self.light[self.zone(x, y)];
+                let at = y * width + x;
+                self.other[at] = self.level[at];
+                self.evidence[at] = 0;
+                self.level[at] = (f32::from(view.row(y)[x]) / light).round().min(255.0) as u8;
+            }
+        }
+    }
+
+    /// Words of a row of cells.
+    pub const fn words_per_row(&self) -> usize {
+        self.size.0.div_ceil(WORD_PX)
+    }
+}
+
+/// The median of what is finite; none where nothing is.
+fn median_of(values: &[f32]) -> Option<f32> {
+    const MOST: usize = 1024;
+    let mut kept = [0.0; MOST];
+    let mut count = 0;
+    // Large rigs of zones are thinned evenly.
+    let step = values.len().div_ceil(MOST);
+    for value in values.iter().step_by(step).filter(|v| v.is_finite()) {
+        kept[count] = *value;
+        count += 1;
+    }
+    let kept = &mut kept[..count];
+    if kept.is_empty() {
+        return None;
+    }
+    let middle = count / 2;
+    Some(*kept.select_nth_unstable_by(middle, f32::total_cmp).1)
+}

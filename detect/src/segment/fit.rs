@@ -1,0 +1,452 @@
+//! Fits a swept disc with smooth shading in front of the known background to the pixels of a patch.
+//!
+//! Minimised is the robust (Cauchy) sum of squares of `seen − [(1 − α) background + α (ball)]` over all
+//! pixels, α being the share of pixel and exposure that the swept disc covers, and the ball's level a
+//! quadratic function of the place on the ball, one for each colour. It is the edge of the occlusion that
+//! tells the outline, and not the bright part of the ball: where the ball's underside is as dark as the floor
+//! behind it, the rest of the outline decides.
+//!
+//! The quadratics enter linearly and are eliminated in every step (variable projection after Golub &
+//! Pereyra 1973, in Kaufman's form: the derivatives of the shading by the outline are left out; a shift of a
+//! quadratic is a quadratic, so that this changes the steps and not the minimum). Steps are damped after
+//! Levenberg and Marquardt.
+
+use super::{
+    lanes::{LANES, Lanes},
+    patch::{CHANNELS, Patch},
+    sweep::{Coverer, MIN_LENGTH_PX, Sweep},
+};
+
+/// Parameters of the outline: centre along and across the path, radius, length, angle.
+pub const OUTLINE: usize = 5;
+/// Parameters of the shading of one colour.
+pub const SHADING: usize = 6;
+
+/// What is known of the outline before the pixels are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Prior {
+    /// Expected radius and its standard deviation, px.
+    pub radius: Option<(f32, f32)>,
+}
+
+/// The result of a fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Fit {
+    /// The outline.
+    pub sweep: Sweep,
+    /// Shading by colour; on the axes of the path, in units of the radius.
+    pub shading: [[f32; SHADING]; CHANNELS],
+    /// Covariance of the centre along and across the path, the radius, the length and the angle.
+    pub covariance: [[f64; OUTLINE]; OUTLINE],
+    /// Mean of the robust squared residual over the pixels, in units of their variance.
+    pub chi2: f32,
+    /// Whether the path was fitted, or is taken as none.
+    pub moving: bool,
+    /// Last step of the centre, px.
+    pub last_step: f32,
+}
+
+/// Sums over a patch that a step needs.
+struct Sums {
+    outline: [[f64; OUTLINE]; OUTLINE],
+    outline_residual: [f64; OUTLINE],
+    mixed: [[[f64; SHADING]; OUTLINE]; CHANNELS],
+    shading: [[[f64; SHADING]; SHADING]; CHANNELS],
+    shading_residual: [[f64; SHADING]; CHANNELS],
+    /// Robust cost.
+    cost: f64,
+    weight: f64,
+}
+
+/// Residuals beyond this many standard deviations count as something else in front of the ball or beside it.
+const ROBUST_SIGMAS: f32 = 3.0;
+
+/// The level from which on a pixel is saturated, DN.
+const SATURATED: f32 = 253.5;
+
+#[inline(always)]
+fn accumulate_body(
+    patch: &Patch,
+    sweep: &Sweep,
+    shading: &[[f32; SHADING]; CHANNELS],
+    scale: f32,
+    sums: &mut Sums,
+) {
+    let coverer = Coverer::new(sweep);
+    let softness = Lanes::all(1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
+    let one = Lanes::all(1.0);
+    let saturated = Lanes::all(SATURATED);
+    let mut outline = [Lanes::ZERO; OUTLINE * (OUTLINE + 1) / 2];
+    let mut outline_residual = [Lanes::ZERO; OUTLINE];
+    let (mut cost, mut weight_sum) = (Lanes::ZERO, Lanes::ZERO);
+    for (channel, samples) in patch.channels.iter().enumerate() {
+        let mut mixed = [[Lanes::ZERO; SHADING]; OUTLINE];
+        let mut own = [Lanes::ZERO; SHADING * (SHADING + 1) / 2];
+        let mut own_residual = [Lanes::ZERO; SHADING];
+        let terms = shading[channel].map(Lanes::all);
+        for at in (0..samples.len()).step_by(LANES) {
+            let coverage = coverer.at(Lanes::load(&samples.x, at), Lanes::load(&samples.y, at));
+            let background = Lanes::load(&samples.background, at);
+            let seen = Lanes::load(&samples.seen, at);
+            let inverse_sigma = Lanes::load(&samples.inverse_sigma, at);
+            let mut ball = Lanes::ZERO;
+            for (term, place) in terms.iter().zip(&coverage.place) {
+                ball = ball + *term * *place;
+            }
+            let contrast = ball - background;
+            let model = background + coverage.alpha * contrast;
+            // A saturated pixel says only that the ball is at least this bright.
+            let informs = one
+                - one.where_positive(seen - saturated).where_positive(model - saturated);
+            let residual = (seen - model) * informs;
+            let z = residual * inverse_sigma;
+            let robust = (one + z * z * softness).recip();
+            // Both factors of a product carry the root of the weight.
+            let root = robust.sqrt() * inverse_sigma * informs;
+            cost = cost + z * z * robust;
+            weight_sum = weight_sum + robust.where_positive(inverse_sigma);
+            let residual = residual * root;
+            let contrast = contrast * root;
+            let alpha = coverage.alpha * root;
+            let slopes = coverage.slopes.map(|slope| slope * contrast);
+            let shades = coverage.place.map(|place| place * alpha);
+            let mut n = 0;
+            for i in 0..OUTLINE {
+                for j in 0..=i {
+                    outline[n] = outline[n] + slopes[i] * slopes[j];
+                    n += 1;
+                }
+                outline_residual[i] = outline_residual[i] + slopes[i] * residual;
+                for j in 0..SHADING {
+                    mixed[i][j] = mixed[i][j] + slopes[i] * shades[j];
+                }
+            }
+            let mut n = 0;
+            for i in 0..SHADING {
+                for j in 0..=i {
+                    own[n] = own[n] + shades[i] * shades[j];
+                    n += 1;
+                }
+                own_residual[i] = own_residual[i] + shades[i] * residual;
+            }
+        }
+        let mut n = 0;
+        for i in 0..SHADING {
+            for j in 0..=i {
+                let value = f64::from(own[n].sum());
+                sums.shading[channel][i][j] = value;
+                sums.shading[channel][j][i] = value;
+                n += 1;
+            }
+            sums.shading_residual[channel][i] = f64::from(own_residual[i].sum());
+        }
+        for i in 0..OUTLINE {
+            for j in 0..SHADING {
+                sums.mixed[channel][i][j] = f64::from(mixed[i][j].sum());
+            }
+        }
+    }
+    let mut n = 0;
+    for i in 0..OUTLINE {
+        for j in 0..=i {
+            let value = f64::from(outline[n].sum());
+            sums.outline[i][j] = value;
+            sums.outline[j][i] = value;
+            n += 1;
+        }
+        sums.outline_residual[i] = f64::from(outline_residual[i].sum());
+    }
+    sums.cost = f64::from(cost.sum());
+    sums.weight = f64::from(weight_sum.sum());
+}
+
+/// # Safety
+/// The processor has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn accumulate_avx2(
+    patch: &Patch,
+    sweep: &Sweep,
+    shading: &[[f32; SHADING]; CHANNELS],
+    scale: f32,
+    sums: &mut Sums,
+) {
+    accumulate_body(patch, sweep, shading, scale, sums);
+}
+
+impl Sums {
+    const EMPTY: Self = Self {
+        outline: [[0.0; OUTLINE]; OUTLINE],
+        outline_residual: [0.0; OUTLINE],
+        mixed: [[[0.0; SHADING]; OUTLINE]; CHANNELS],
+        shading: [[[0.0; SHADING]; SHADING]; CHANNELS],
+        shading_residual: [[0.0; SHADING]; CHANNELS],
+        cost: 0.0,
+        weight: 0.0,
+    };
+
+    fn over(patch: &Patch, sweep: &Sweep, shading: &[[f32; SHADING]; CHANNELS], scale: f32) -> Self {
+        let mut sums = Self::EMPTY;
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: just asked.
+            unsafe { accumulate_avx2(patch, sweep, shading, scale, &mut sums) };
+            return sums;
+        }
+        accumulate_body(patch, sweep, shading, scale, &mut sums);
+        sums
+    }
+}
+
+/// Solves A X = B in place for symmetric positive definite A, B having `columns` columns; false when A is
+/// not positive definite.
+fn cholesky_solve<const N: usize, const M: usize>(a: &mut [[f64; N]; N], b: &mut [[f64; M]; N]) -> bool {
+    for i in 0..N {
+        for j in 0..=i {
+            let sum = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
+            if i == j {
+                if sum <= 1e-12 * a[i][i].abs() || !sum.is_finite() {
+                    return false;
+                }
+                a[i][i] = sum.sqrt();
+            } else {
+                a[i][j] = sum / a[j][j];
+            }
+        }
+    }
+    for column in 0..M {
+        for i in 0..N {
+            let sum = b[i][column] - (0..i).map(|k| a[i][k] * b[k][column]).sum::<f64>();
+            b[i][column] = sum / a[i][i];
+        }
+        for i in (0..N).rev() {
+            let sum = b[i][column] - (i + 1..N).map(|k| a[k][i] * b[k][column]).sum::<f64>();
+            b[i][column] = sum / a[i][i];
+        }
+    }
+    true
+}
+
+/// The shading's share of a step: what it would be with the outline as it is, and how it follows the outline.
+struct Eliminated {
+    /// Normal matrix of the outline with the shading eliminated.
+    reduced: [[f64; OUTLINE]; OUTLINE],
+    right: [f64; OUTLINE],
+    /// Per colour: A⁻¹ [mixedᵀ | residual].
+    solved: [[[f64; OUTLINE + 1]; SHADING]; CHANNELS],
+}
+
+fn eliminate(
+    sums: &Sums,
+    shading: &[[f32; SHADING]; CHANNELS],
+    typical: &[f64; CHANNELS],
+) -> Option<Eliminated> {
+    let mut out = Eliminated {
+        reduced: sums.outline,
+        right: sums.outline_residual,
+        solved: [[[0.0; OUTLINE + 1]; SHADING]; CHANNELS],
+    };
+    for channel in 0..CHANNELS {
+        if sums.shading[channel][0][0] <= 0.0 {
+            continue;
+        }
+        let mut a = sums.shading[channel];
+        let mut b = [[0.0; OUTLINE + 1]; SHADING];
+        for j in 0..SHADING {
+            // Shading is smooth: its slopes and curvatures are of the order of the contrast itself, which
+            // keeps them in bounds on the smallest balls.
+            let spread = if j == 0 { 20.0 } else if j < 3 { 0.6 } else { 0.4 } * typical[channel];
+            let tie = 1.0 / (spread * spread);
+            a[j][j] += tie;
+            for i in 0..OUTLINE {
+                b[j][i] = sums.mixed[channel][i][j];
+            }
+            let from = if j == 0 { 0.0 } else { f64::from(shading[channel][j]) };
+            b[j][OUTLINE] = sums.shading_residual[channel][j] - tie * from;
+        }
+        if !cholesky_solve(&mut a, &mut b) {
+            return None;
+        }
+        for i in 0..OUTLINE {
+            for k in 0..SHADING {
+                let mixed = sums.mixed[channel][i][k];
+                for j in 0..OUTLINE {
+                    out.reduced[i][j] -= mixed * b[k][j];
+                }
+                out.right[i] -= mixed * b[k][OUTLINE];
+            }
+        }
+        out.solved[channel] = b;
+    }
+    Some(out)
+}
+
+/// Most steps of one fit.
+const MAX_STEPS: usize = 12;
+
+/// A step of the centre shorter than this ends the fit, px.
+const CONVERGED_PX: f32 = 0.004;
+
+/// Fits the outline, starting from `start`; the path is fitted where `moving`, else taken as none. `levels`
+/// are the ball's levels by colour to start from, `typical` the size of its contrast by colour, DN.
+/// None where the pixels do not determine it.
+pub fn fit(
+    patch: &Patch,
+    start: Sweep,
+    moving: bool,
+    prior: &Prior,
+    typical: &[f64; CHANNELS],
+) -> Option<Fit> {
+    let mut sweep = start;
+    if !moving {
+        sweep.length = MIN_LENGTH_PX;
+        sweep.angle = 0.0;
+    }
+    let free = if moving { OUTLINE } else { 3 };
+    let mut shading = [[0.0_f32; SHADING]; CHANNELS];
+    // The shading first, with the outline held: no robust weights, since nothing is known yet.
+    let sums = Sums::over(patch, &sweep, &shading, 1e3);
+    let eliminated = eliminate(&sums, &shading, typical)?;
+    apply_shading(&mut shading, &eliminated, &[0.0; OUTLINE]);
+
+    let mut scale = 4.0_f32;
+    let mut damping = 1e-3;
+    let mut best: Option<(Sweep, [[f32; SHADING]; CHANNELS], f64)> = None;
+    let mut last: Option<(Sums, Eliminated)> = None;
+    let mut last_step = f32::MAX;
+    let mut sums = Sums::over(patch, &sweep, &shading, scale);
+    for _ in 0..MAX_STEPS {
+        let cost = sums.cost + prior_cost(prior, &sweep);
+        let accepted = best.as_ref().is_none_or(|(_, _, least)| cost <= least * 1.000_01);
+        if accepted {
+            best = Some((sweep, shading, cost));
+            let eliminated = eliminate(&sums, &shading, typical)?;
+            last = Some((sums, eliminated));
+            if last_step < CONVERGED_PX && scale <= 1.0 {
+                break;
+            }
+            damping = f64::max(damping * 0.2, 1e-6);
+        } else {
+            damping *= 10.0;
+            if damping > 1e4 {
+                break;
+            }
+        }
+        // The robust scale narrows as the fit comes closer; a new scale is a new cost.
+        if accepted && scale > 1.0 {
+            scale = if last_step < 0.3 { 1.0 } else { f32::max(1.0, scale * 0.6) };
+            let (from, shade, _) = best.as_ref()?;
+            let rescaled = Sums::over(patch, from, shade, scale);
+            let eliminated = eliminate(&rescaled, shade, typical)?;
+            if let Some(best) = &mut best {
+                best.2 = rescaled.cost + prior_cost(prior, &best.0);
+            }
+            last = Some((rescaled, eliminated));
+        }
+        let (from, from_shading, _) = best.as_ref()?;
+        let (_, eliminated) = last.as_ref()?;
+        let step = outline_step(eliminated, from, prior, free, damping)?;
+        let (next, taken) = moved(from, &step);
+        let mut next_shading = *from_shading;
+        apply_shading(&mut next_shading, eliminated, &taken);
+        last_step = (taken[0].hypot(taken[1])) as f32;
+        sweep = next;
+        shading = next_shading;
+        sums = Sums::over(patch, &sweep, &shading, scale);
+    }
+    let (sweep, shading, _) = best?;
+    let (sums, eliminated) = last?;
+    let chi2 = (sums.cost / sums.weight.max(1.0)) as f32;
+    let covariance = outline_covariance(&eliminated, &sweep, prior, free)?;
+    Some(Fit { sweep, shading, covariance, chi2, moving, last_step })
+}
+
+fn prior_cost(prior: &Prior, sweep: &Sweep) -> f64 {
+    prior.radius.map_or(0.0, |(radius, sigma)| f64::from((sweep.radius - radius) / sigma).powi(2))
+}
+
+fn apply_shading(
+    shading: &mut [[f32; SHADING]; CHANNELS],
+    eliminated: &Eliminated,
+    taken: &[f64; OUTLINE],
+) {
+    for (shading, solved) in shading.iter_mut().zip(&eliminated.solved) {
+        for (term, solved) in shading.iter_mut().zip(solved) {
+            let follows: f64 = solved[..OUTLINE].iter().zip(taken).map(|(s, t)| s * t).sum();
+            *term += (solved[OUTLINE] - follows) as f32;
+        }
+    }
+}
+
+/// The normal matrix with the prior; what is not free is held fast.
+fn normal(
+    eliminated: &Eliminated,
+    sweep: &Sweep,
+    prior: &Prior,
+    free: usize,
+) -> ([[f64; OUTLINE]; OUTLINE], [f64; OUTLINE]) {
+    let (mut a, mut b) = (eliminated.reduced, eliminated.right);
+    if let Some((radius, sigma)) = prior.radius {
+        let weight = 1.0 / f64::from(sigma * sigma);
+        a[2][2] += weight;
+        b[2] += weight * f64::from(radius - sweep.radius);
+    }
+    for i in free..OUTLINE {
+        for j in 0..OUTLINE {
+            a[i][j] = 0.0;
+            a[j][i] = 0.0;
+        }
+        a[i][i] = 1.0;
+        b[i] = 0.0;
+    }
+    (a, b)
+}
+
+fn outline_step(
+    eliminated: &Eliminated,
+    sweep: &Sweep,
+    prior: &Prior,
+    free: usize,
+    damping: f64,
+) -> Option<[f64; OUTLINE]> {
+    let (mut a, b) = normal(eliminated, sweep, prior, free);
+    for (i, row) in a.iter_mut().enumerate() {
+        row[i] += damping * row[i].abs() + 1e-9;
+    }
+    let mut x = b.map(|b| [b]);
+    cholesky_solve(&mut a, &mut x).then(|| x.map(|[x]| x))
+}
+
+fn outline_covariance(
+    eliminated: &Eliminated,
+    sweep: &Sweep,
+    prior: &Prior,
+    free: usize,
+) -> Option<[[f64; OUTLINE]; OUTLINE]> {
+    let (mut a, _) = normal(eliminated, sweep, prior, free);
+    let mut inverse = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
+    cholesky_solve(&mut a, &mut inverse).then_some(inverse)
+}
+
+/// The sweep after a step, which is cut short where it would leave the neighbourhood in which the
+/// derivatives mean anything; and the step as taken.
+fn moved(from: &Sweep, step: &[f64; OUTLINE]) -> (Sweep, [f64; OUTLINE]) {
+    let (radius, length) = (f64::from(from.radius), f64::from(from.length));
+    let most =
+        [0.5 * radius + 0.2 * length, 0.5 * radius, 0.3 * radius, 0.4 * (length + radius), 0.5 * radius / (0.5 * length + radius)];
+    let share = step.iter().zip(most).fold(1.0_f64, |share, (s, most)| share.min(most / s.abs().max(1e-12)));
+    let mut taken = step.map(|s| s * share);
+    taken[2] = taken[2].max(0.8 - radius);
+    taken[3] = taken[3].max(f64::from(MIN_LENGTH_PX) - length);
+    let (sin, cos) = f64::from(from.angle).sin_cos();
+    let sweep = Sweep {
+        centre: [
+            from.centre[0] + (cos * taken[0] - sin * taken[1]) as f32,
+            from.centre[1] + (sin * taken[0] + cos * taken[1]) as f32,
+        ],
+        radius: from.radius + taken[2] as f32,
+        length: from.length + taken[3] as f32,
+        angle: from.angle + taken[4] as f32,
+    };
+    (sweep, taken)
+}

@@ -1,0 +1,179 @@
+use super::{
+    lanes::LANES,
+    sweep::Sweep,
+};
+
+/// Colours of a patch: red, green, blue; grey frames have only the first.
+pub const CHANNELS: usize = 3;
+
+/// Most pixels of one patch. Of larger regions only every second, third … cell is taken: this many give
+/// the centre to a hundredth of a pixel already.
+pub const MAX_SAMPLES: usize = 2400;
+
+/// The linear map between a neighbourhood of the image and coordinates in which the ball's outline is a
+/// circle: a sphere seen off the axis is an ellipse, on wide lenses by up to half again as long as wide.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rectifier {
+    /// The pixel that becomes the origin.
+    pub anchor: [f64; 2],
+    /// Rows of the matrix from pixel offsets to rectified ones; its determinant is 1.
+    pub forward: [[f64; 2]; 2],
+}
+
+impl Rectifier {
+    /// Changes nothing but the origin.
+    pub const fn plain(anchor: [f64; 2]) -> Self {
+        Self { anchor, forward: [[1.0, 0.0], [0.0, 1.0]] }
+    }
+
+    /// From the frame into the patch.
+    pub fn rectify(&self, pixel: [f64; 2]) -> [f64; 2] {
+        let offset = [pixel[0] - self.anchor[0], pixel[1] - self.anchor[1]];
+        self.forward.map(|row| row[0] * offset[0] + row[1] * offset[1])
+    }
+
+    /// The inverse matrix, from rectified offsets to pixel offsets.
+    pub fn backward(&self) -> [[f64; 2]; 2] {
+        let [[a, b], [c, d]] = self.forward;
+        let determinant = a * d - b * c;
+        [[d / determinant, -b / determinant], [-c / determinant, a / determinant]]
+    }
+
+    /// A rectified offset in pixels.
+    pub fn offset_px(&self, offset: [f64; 2]) -> [f64; 2] {
+        self.backward().map(|row| row[0] * offset[0] + row[1] * offset[1])
+    }
+
+    /// From the patch into the frame.
+    pub fn pixel(&self, rectified: [f64; 2]) -> [f64; 2] {
+        let [x, y] = self.offset_px(rectified);
+        [self.anchor[0] + x, self.anchor[1] + y]
+    }
+
+    /// Half of the width and of the height, in pixels, of the image of a circle of `radius` in the patch.
+    pub fn half_extent_px(&self, radius: f64) -> [f64; 2] {
+        self.backward().map(|[a, b]| radius * a.hypot(b))
+    }
+}
+
+/// The pixels of one colour, as columns; padded to whole vectors with pixels of weight zero.
+#[derive(Debug, Clone, Default)]
+pub struct Samples {
+    /// Rectified place.
+    pub x: Vec<f32>,
+    /// Rectified place.
+    pub y: Vec<f32>,
+    /// Level seen, DN.
+    pub seen: Vec<f32>,
+    /// Level expected of the background, DN.
+    pub background: Vec<f32>,
+    /// 1 / standard deviation of their difference, 1/DN.
+    pub inverse_sigma: Vec<f32>,
+}
+
+impl Samples {
+    fn with_capacity(n: usize) -> Self {
+        let column = || Vec::with_capacity(n);
+        Self { x: column(), y: column(), seen: column(), background: column(), inverse_sigma: column() }
+    }
+
+    /// How many, padding included.
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    fn clear(&mut self) {
+        for column in self.columns() {
+            column.clear();
+        }
+    }
+
+    fn columns(&mut self) -> [&mut Vec<f32>; 5] {
+        [&mut self.x, &mut self.y, &mut self.seen, &mut self.background, &mut self.inverse_sigma]
+    }
+}
+
+/// The pixels around a candidate, apart by colour.
+#[derive(Debug)]
+pub struct Patch {
+    /// By colour.
+    pub channels: [Samples; CHANNELS],
+    /// Pixels of the frame that one sample stands for.
+    pub decimation: usize,
+    /// Samples without padding.
+    pub count: usize,
+}
+
+/// One pixel as the patch takes it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample {
+    /// Place in the frame, px.
+    pub place: [f64; 2],
+    /// 0 red or grey, 1 green, 2 blue.
+    pub channel: usize,
+    /// Level seen, DN.
+    pub seen: f32,
+    /// Level expected of the background, DN.
+    pub background: f32,
+    /// Standard deviation of their difference, DN.
+    pub sigma: f32,
+}
+
+impl Patch {
+    /// An empty patch, with room for all it will ever hold.
+    pub fn new() -> Self {
+        // A row of cells more than MAX_SAMPLES may come before decimation is seen to be needed, and padding.
+        let room = MAX_SAMPLES + 4 * LANES;
+        Self { channels: std::array::from_fn(|_| Samples::with_capacity(room)), decimation: 1, count: 0 }
+    }
+
+    /// Forgets all samples.
+    pub fn clear(&mut self, decimation: usize) {
+        self.channels.iter_mut().for_each(Samples::clear);
+        self.decimation = decimation;
+        self.count = 0;
+    }
+
+    /// Adds a pixel; returns false where there is no more room.
+    #[inline]
+    pub fn push(&mut self, rectifier: &Rectifier, sample: &Sample) -> bool {
+        let samples = &mut self.channels[sample.channel];
+        if self.count >= MAX_SAMPLES {
+            return false;
+        }
+        let [x, y] = rectifier.rectify(sample.place);
+        samples.x.push(x as f32);
+        samples.y.push(y as f32);
+        samples.seen.push(sample.seen);
+        samples.background.push(sample.background);
+        samples.inverse_sigma.push(1.0 / sample.sigma);
+        self.count += 1;
+        true
+    }
+
+    /// Fills up the last vectors.
+    pub fn pad(&mut self) {
+        for samples in &mut self.channels {
+            let padded = samples.len().next_multiple_of(LANES);
+            for column in samples.columns() {
+                column.resize(padded, 0.0);
+            }
+        }
+    }
+}
+
+/// How far around a sweep pixels are looked at: the background beside the ball must be seen to be free.
+pub fn margin(radius: f32) -> f32 {
+    (0.35 * radius).clamp(2.5, 7.0)
+}
+
+/// Whether a rectified place lies on the sweep or within `margin` of it.
+#[inline]
+pub fn near(sweep: &Sweep, direction: [f32; 2], margin: f32, x: f32, y: f32) -> bool {
+    let (dx, dy) = (x - sweep.centre[0], y - sweep.centre[1]);
+    let s = (dx * direction[0] + dy * direction[1]).abs() - 0.5 * sweep.length;
+    let w = dy * direction[0] - dx * direction[1];
+    let s = s.max(0.0);
+    let reach = sweep.radius + margin;
+    s * s + w * w <= reach * reach
+}
