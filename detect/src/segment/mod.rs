@@ -1,12 +1,34 @@
 //! From a raw mosaic to boxes around what may be the ball.
+//!
+//! One pass over the frame's memory marks the cells that differ from the learnt background by more than noise
+//! explains ([`kernel`]); marked cells are grouped; each group is measured by fitting a swept, smoothly
+//! shaded disc in front of the background, and judged by what the fit leaves, by its colour in the scene's
+//! light, and by whether it moves. Where no background is known yet, colour marks the cells.
 
-pub mod kernel;
 mod background;
 mod blobs;
+mod candidate;
+mod colour;
+mod demosaic;
 mod fit;
+mod grid;
+pub mod kernel;
 mod lanes;
 pub mod live;
+mod measure;
 mod noise;
+mod options;
 mod patch;
+mod rest;
+#[cfg(test)]
+mod scene;
+mod score;
+mod segmenter;
 mod sphere;
 mod sweep;
+#[cfg(test)]
+mod tests;
+
+pub use options::{InputMode, SegmentError, SegmentOptions};
+pub use score::SCORE_THRESHOLD;
+pub use segmenter::Segmenter;

@@ -55,6 +55,12 @@ pub fn rectifier(camera: &CameraModel, pixel: [f64; 2]) -> Option<(Rectifier, f6
 /// The outline is the image of a cone about the line to the sphere's centre. Seen off the axis the far side
 /// of the cone is stretched more than the near one: the outline's centre lies further out.
 pub fn outline_to_centre(camera: &CameraModel, pixel: [f64; 2], angle: f64) -> Option<[f64; 2]> {
+    // The shift is a property of the centre, which the first round finds to a few per cent.
+    let first = shift_of(camera, pixel, angle)?;
+    shift_of(camera, [pixel[0] + first[0], pixel[1] + first[1]], angle)
+}
+
+fn shift_of(camera: &CameraModel, pixel: [f64; 2], angle: f64) -> Option<[f64; 2]> {
     let sight = sight(camera, pixel)?;
     let (sin, cos) = angle.sin_cos();
     let middle = image(camera, &sight.along)?;

@@ -6,6 +6,7 @@ pub mod latency;
 pub mod listen;
 pub mod predict;
 pub mod rig;
+pub mod segment;
 pub mod triangulate;
 pub mod up;
 

@@ -1,0 +1,75 @@
+use super::{
+    blobs::Blob,
+    patch::Rectifier,
+    sweep::{MIN_LENGTH_PX, Sweep},
+};
+
+/// Smallest and largest diameter that is looked for, px.
+pub const DIAMETER_PX: (f32, f32) = (3.0, 75.0);
+/// Longest path during one exposure that is looked for, px.
+pub const LONGEST_PATH_PX: f32 = 150.0;
+
+/// Fewest cells of a candidate: a ball of 4 px covers three.
+const LEAST_CELLS: u32 = 3;
+
+/// A blob seen as a swept disc.
+#[derive(Debug, Clone, Copy)]
+pub struct Start {
+    /// The map in which it is a circle.
+    pub rectifier: Rectifier,
+    /// Angle of a rectified pixel, rad; none where the lens model does not reach.
+    pub angle_per_px: Option<f64>,
+    /// First guess.
+    pub sweep: Sweep,
+    /// How well the blob's area and moments agree with a swept disc, 0–1.
+    pub likeness: f32,
+}
+
+/// Whether a blob's size is within what a ball can have.
+pub fn is_of_size(blob: &Blob) -> bool {
+    let width = 2.0 * f32::from(blob.x1 - blob.x0);
+    let height = 2.0 * f32::from(blob.y1 - blob.y0);
+    // Wide lenses stretch; marks are broader than the ball by what touches a cell.
+    let most = 1.3 * (DIAMETER_PX.1 + LONGEST_PATH_PX);
+    blob.cells >= LEAST_CELLS && width <= most && height <= most
+}
+
+/// The centre of a blob in pixels.
+pub fn centre_px(blob: &Blob) -> [f64; 2] {
+    // The centre of cell 0 lies between pixels 0 and 1.
+    blob.centre().map(|c| 2.0 * c + 0.5)
+}
+
+/// The swept disc with the blob's moments; `scale` is the grid's; none where no ball has such.
+pub fn start(blob: &Blob, scale: usize, rectifier: Rectifier, angle_per_px: Option<f64>) -> Option<Start> {
+    // Pixels of the frame to a cell's side.
+    let cell_px = 2.0 / scale as f64;
+    let [[a, b], [c, d]] = rectifier.forward;
+    let [xx, xy, yy] = blob.moments().map(|m| cell_px * cell_px * m);
+    // Moments in the rectified plane: F M Fᵀ.
+    let (p, q) = (a * xx + b * xy, a * xy + b * yy);
+    let (r, s) = (c * xx + d * xy, c * xy + d * yy);
+    let (mxx, mxy, myy) = (p * a + q * b, p * c + q * d, r * c + s * d);
+    let half = 0.5 * (mxx + myy);
+    let root = (0.25 * (mxx - myy).powi(2) + mxy * mxy).sqrt();
+    let (large, small) = (half + root, (half - root).max(0.25));
+    let angle = 0.5 * (2.0 * mxy).atan2(mxx - myy);
+    // A swept disc has the variance r²/4 across its path, and L²/12 more along it. Marked are cells that the
+    // disc only touches, too: about half a pixel on each side.
+    let radius = (2.0 * small.sqrt() - 0.5).max(1.2);
+    let length = (12.0 * (large - small).max(0.0)).sqrt();
+    let sweep = Sweep {
+        centre: [0.0; 2],
+        radius: radius as f32,
+        length: (length as f32).max(MIN_LENGTH_PX),
+        angle: angle as f32,
+    };
+    if sweep.radius > 0.6 * DIAMETER_PX.1 || sweep.length > 1.3 * LONGEST_PATH_PX {
+        return None;
+    }
+    let marked = (cell_px * cell_px) as f32 * blob.cells as f32;
+    let grown = Sweep { radius: sweep.radius + 0.5, ..sweep };
+    let ratio = marked / grown.area();
+    let likeness = (-((ratio.ln() / 0.5).powi(2))).exp();
+    Some(Start { rectifier, angle_per_px, sweep, likeness })
+}

@@ -1,0 +1,46 @@
+use super::measure::Measured;
+
+/// Score from which on a candidate is taken for the ball in play, until other cameras know better.
+pub const SCORE_THRESHOLD: f64 = 0.5;
+
+/// Score below which a candidate is not worth a message's place.
+pub const LEAST_SCORE: f64 = 0.1;
+
+/// What the fit leaves unexplained, as a share of the change, at which a shape counts half.
+const HALF_MISFIT: f32 = 0.26;
+
+/// Signal, in standard deviations over all pixels, at which a candidate counts half.
+const HALF_SIGNAL: f32 = 12.0;
+
+/// How much a measured candidate looks like the ball in play, 0–1; `likeness` is its colour's.
+pub fn score(measured: &Measured, likeness: f32) -> f64 {
+    let shape = 1.0 / (1.0 + (measured.misfit / HALF_MISFIT).powi(4));
+    let signal = {
+        let s = (measured.signal / HALF_SIGNAL).powi(2);
+        s / (1.0 + s)
+    };
+    // A ball in front of a player has a busy neighbourhood too: this alone condemns nothing.
+    let alone = 1.0 - 0.6 * ((measured.clutter - 0.25) / 0.6).clamp(0.0, 1.0);
+    let whole = 1.0 - 0.6 * ((measured.hidden - 0.1) / 0.5).clamp(0.0, 1.0);
+    let diameter = 2.0 * measured.fit.sweep.radius;
+    let size = ((diameter - 2.8) / 1.0).clamp(0.0, 1.0) * ((76.0 - diameter) / 10.0).clamp(0.0, 1.0);
+    let colour = likeness.powf(0.8);
+    let shadow = if is_shadow(measured) { 0.3 } else { 1.0 };
+    let gone = if is_gone(measured) { 0.1 } else { 1.0 };
+    f64::from(shape * signal * alone * whole * size * colour * shadow * gone)
+}
+
+/// Whether it darkens all colours alike, as a shadow does.
+fn is_shadow(measured: &Measured) -> bool {
+    let ratio = |i: usize| (measured.levels[i].max(0.0) + 1.0) / (measured.behind[i] + 1.0);
+    let ratios = [ratio(0), ratio(1), ratio(2)];
+    let (low, high) = ratios.iter().fold((f32::MAX, 0.0_f32), |(l, h), r| (l.min(*r), h.max(*r)));
+    high < 0.9 && high / low < 1.15
+}
+
+/// Whether this is the place that something has left, and not the thing: what is seen goes on around it, and
+/// it is the background that has an outline there.
+pub fn is_gone(measured: &Measured) -> bool {
+    let apart = |a: &[f32; 3], b: &[f32; 3]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>();
+    apart(&measured.levels, &measured.around) < 0.3 * apart(&measured.levels, &measured.behind)
+}

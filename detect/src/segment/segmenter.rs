@@ -1,0 +1,546 @@
+use netcord_common::{
+    FrameView, PixelFormat,
+    camera::CameraModel,
+    rig::Rig,
+    wire::{Detection, DetectionFlags, Detections, FrameHeader, MAX_DETECTIONS, Scope, SearchWindow},
+};
+
+use super::{
+    background::{Background, PixelBox, ZONE_PX},
+    blobs::{Blob, BlobFinder},
+    candidate::{Start, centre_px, is_of_size, start},
+    colour::{ColourModel, SceneLight},
+    demosaic::Demosaic,
+    fit::{OUTLINE, Prior},
+    grid::Grid,
+    kernel::{Kernel, WORD_PX},
+    measure::{Behind, Measured, Scene},
+    options::{InputMode, SegmentError, SegmentOptions},
+    patch::{Patch, Rectifier},
+    rest::RestWatch,
+    score::{LEAST_SCORE, SCORE_THRESHOLD, is_gone, score},
+    sphere,
+};
+
+/// Fits per frame, at most: the likeliest blobs come first.
+const MAX_FITS: usize = 10;
+/// Fits per frame where nothing is known of the background.
+const MAX_FITS_ALONE: usize = 40;
+
+/// Frames between two looks at the colour of the scene's light.
+const LIGHT_EVERY: u64 = 64;
+
+/// Share of marked cells from which on a frame shows another scene.
+const OTHER_SCENE: f64 = 0.35;
+
+/// A blob of more cells than this that is no ball may have a ball in front of it.
+const CROWD_CELLS: u32 = 60;
+
+/// Error of the centre that no covariance of pixels knows of: the lens's blur, the pixels' fill, px².
+const FLOOR_PX2: f64 = 0.02 * 0.02;
+
+/// A candidate with what the message will say of it.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    item: Detection,
+    measured: Measured,
+    likeness: f32,
+}
+
+/// Finds the ball in one camera's frames.
+///
+/// Pure: it reads no clock and does no input or output; the same frames give the same bytes. After the
+/// first frame it allocates nothing.
+#[derive(Debug)]
+pub struct Segmenter {
+    name: String,
+    index: u32,
+    camera: CameraModel,
+    format: PixelFormat,
+    options: SegmentOptions,
+    kernel: Kernel,
+    grid: Grid,
+    demosaic: Option<Demosaic>,
+    background: Background,
+    started: bool,
+    light: SceneLight,
+    colour: ColourModel,
+    words: Vec<u16>,
+    coloured: Vec<u16>,
+    finder: BlobFinder,
+    starts: Vec<Start>,
+    patch: Patch,
+    found: Vec<Found>,
+    kept: Vec<PixelBox>,
+    rest: RestWatch,
+    message: Box<Detections>,
+}
+
+impl Segmenter {
+    /// A segmenter for the rig's camera `index`.
+    ///
+    /// # Errors
+    /// [`SegmentError::NoSuchCamera`], [`SegmentError::TooSmall`].
+    pub fn new(rig: &Rig, index: usize, options: SegmentOptions) -> Result<Self, SegmentError> {
+        let camera = rig
+            .cameras
+            .get(index)
+            .ok_or(SegmentError::NoSuchCamera { index, cameras: rig.cameras.len() })?;
+        let (width, height) = (camera.model.width as usize, camera.model.height as usize);
+        if width < 16 || height < 16 {
+            return Err(SegmentError::TooSmall { camera: camera.name.to_string(), width, height });
+        }
+        let grid = Grid::of(options.input);
+        // Grey frames have nothing to be interpolated.
+        let grid = if camera.pixel_format == PixelFormat::Mono8 { Grid::of(InputMode::Raw) } else { grid };
+        let demosaic = (grid.scale == 2).then(|| Demosaic::new(options.input, (width, height)));
+        let size = (width * grid.scale, height * grid.scale);
+        let kernel = Kernel::detect();
+        let background = Background::new(kernel, size, rig.rate_hz);
+        let words = background.words_per_row() * size.1.div_ceil(2);
+        let told = options.colour.unwrap_or(rig.ball.colour);
+        let format = if demosaic.is_some() { PixelFormat::BayerRG8 } else { camera.pixel_format };
+        Ok(Self {
+            name: camera.name.to_string(),
+            index: camera.index.code(),
+            camera: camera.model,
+            format: camera.pixel_format,
+            options,
+            kernel,
+            grid,
+            demosaic,
+            background,
+            started: false,
+            light: SceneLight::default(),
+            colour: ColourModel::new(format, told),
+            words: vec![0; words],
+            coloured: vec![0; words],
+            finder: BlobFinder::new(),
+            starts: Vec::with_capacity(super::blobs::MAX_BLOBS),
+            patch: Patch::new(),
+            found: Vec::with_capacity(MAX_FITS + MAX_FITS_ALONE),
+            kept: Vec::with_capacity(MAX_DETECTIONS),
+            rest: RestWatch::new(rig.rate_hz),
+            message: Box::default(),
+        })
+    }
+
+    /// Searches one frame. Where `window` expects a ball and one is there, `emit` is called with it first
+    /// (scope `window`); then, always, with all candidates of the frame (scope `full`). The stamps of the
+    /// stage are left for the caller to set.
+    ///
+    /// # Errors
+    /// [`SegmentError::WrongFrame`]: the frame is not this camera's.
+    pub fn process(
+        &mut self,
+        header: &FrameHeader,
+        view: &FrameView<'_>,
+        window: Option<&SearchWindow>,
+        emit: &mut dyn FnMut(&Detections),
+    ) -> Result<(), SegmentError> {
+        self.check(view)?;
+        // Moved out for the time of the call, so that the searched image may be borrowed beside the rest.
+        let mut demosaic = self.demosaic.take();
+        match &mut demosaic {
+            None => self.search(header, view, window, emit),
+            Some(demosaic) => {
+                let cells = demosaic.run(view);
+                self.search(header, &cells, window, emit);
+            }
+        }
+        self.demosaic = demosaic;
+        Ok(())
+    }
+
+    /// Forgets all that was learnt, as before the first frame; `process --warm-up` keeps it instead.
+    pub fn forget(&mut self) {
+        self.started = false;
+        self.rest.clear();
+    }
+
+    fn check(&self, view: &FrameView<'_>) -> Result<(), SegmentError> {
+        let size = (self.camera.width as usize, self.camera.height as usize);
+        if (view.width(), view.height()) == size && view.format() == self.format {
+            return Ok(());
+        }
+        Err(SegmentError::WrongFrame {
+            camera: self.name.clone(),
+            found_width: view.width(),
+            found_height: view.height(),
+            found_format: view.format(),
+            width: size.0,
+            height: size.1,
+            format: self.format,
+        })
+    }
+
+    fn search(
+        &mut self,
+        header: &FrameHeader,
+        view: &FrameView<'_>,
+        window: Option<&SearchWindow>,
+        emit: &mut dyn FnMut(&Detections),
+    ) {
+        if !self.started || self.options.single_frames {
+            self.background.start_over(view);
+            self.light = SceneLight::of(view);
+            self.started = true;
+        } else {
+            self.background.look_at_light(view);
+            if self.background.frames().is_multiple_of(LIGHT_EVERY) {
+                self.light = SceneLight::of(view);
+            }
+        }
+        self.rest.next_frame();
+        self.found.clear();
+        let window = window.filter(|w| w.present == 1 && self.background.is_known());
+        if let Some(window) = window {
+            self.search_window(view, window);
+            if self.found.iter().any(|f| f.item.score >= SCORE_THRESHOLD) {
+                self.send(header, Scope::Window, emit);
+            }
+        }
+        self.search_frame(view);
+        self.send(header, Scope::Full, emit);
+        self.after(view);
+    }
+
+    /// Marks and measures inside a window.
+    fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow) {
+        let columns = self.grid.range(window.x0_px, window.x1_px, view.width());
+        let rows = self.grid.range(window.y0_px, window.y1_px, view.height() & !1);
+        // Tables belong to whole zones.
+        let first_zone = columns.start / ZONE_PX;
+        let (x0, x1) = (first_zone * ZONE_PX, columns.end.next_multiple_of(WORD_PX).min(view.width()));
+        if x0 >= x1 || rows.is_empty() {
+            return;
+        }
+        let words_per_row = self.background.words_per_row();
+        for y in rows.clone().step_by(2) {
+            let words = &mut self.words[y / 2 * words_per_row..][..words_per_row];
+            words.fill(0);
+            self.kernel.foreground(
+                [&view.row(y)[x0..x1], &view.row(y + 1)[x0..x1]],
+                [&self.background.row(y)[x0..x1], &self.background.row(y + 1)[x0..x1]],
+                &self.background.tables(y)[first_zone..],
+                ZONE_PX,
+                &mut words[x0 / WORD_PX..],
+            );
+            words[..columns.start / WORD_PX].fill(0);
+        }
+        self.finder.find(&self.words, words_per_row, rows.start / 2..rows.end / 2);
+        let prior = self.prior(window);
+        self.starts.clear();
+        self.collect_starts();
+        self.measure_starts(view, false, &prior, 3);
+    }
+
+    /// What a window says of the ball's size.
+    fn prior(&self, window: &SearchWindow) -> Prior {
+        let diameter = window.diameter_px as f32;
+        if diameter > 1.0 { Prior { radius: Some((0.5 * diameter, 0.1 * diameter)) } } else { Prior::default() }
+    }
+
+    fn search_frame(&mut self, view: &FrameView<'_>) {
+        let height = view.height() & !1;
+        let words_per_row = self.background.words_per_row();
+        let known = self.background.is_known();
+        if self.background.frames() > 1 || !self.options.single_frames {
+            for y in (0..height).step_by(2) {
+                self.kernel.foreground(
+                    [view.row(y), view.row(y + 1)],
+                    [self.background.row(y), self.background.row(y + 1)],
+                    self.background.tables(y),
+                    ZONE_PX,
+                    &mut self.words[y / 2 * words_per_row..][..words_per_row],
+                );
+            }
+            self.finder.find(&self.words, words_per_row, 0..height / 2);
+            let marked = self.finder.blobs().iter().map(|b| u64::from(b.cells)).sum::<u64>();
+            let cells = (view.width() / 2 * (height / 2)) as f64;
+            if known && (self.finder.overflowed() || marked as f64 > OTHER_SCENE * cells) {
+                self.background.start_over(view);
+                self.light = SceneLight::of(view);
+                self.rest.clear();
+                self.search_by_colour(view, true);
+                return;
+            }
+            self.starts.clear();
+            self.collect_starts();
+            self.measure_starts(view, false, &Prior::default(), MAX_FITS);
+        }
+        if !known {
+            self.search_by_colour(view, true);
+        } else if self.crowded() {
+            self.search_by_colour(view, false);
+        }
+    }
+
+    /// Whether something large, or something that was no ball, moves.
+    fn crowded(&self) -> bool {
+        self.finder.blobs().iter().any(|blob| {
+            blob.cells > CROWD_CELLS && !self.found.iter().any(|f| f.item.score > 0.3 && covers(&f.item, centre_px(blob)))
+        })
+    }
+
+    /// Looks for the ball's colours: among the marked cells, or `everywhere` where no background is known.
+    fn search_by_colour(&mut self, view: &FrameView<'_>, everywhere: bool) {
+        let height = view.height() & !1;
+        let words_per_row = self.background.words_per_row();
+        let mut gates = [super::kernel::ColourGate::OPEN; 2];
+        let mut count = 0;
+        for gate in self.colour.gates(&self.light).take(2) {
+            gates[count] = gate;
+            count += 1;
+        }
+        for gate in &gates[..count] {
+            if everywhere {
+                self.coloured.fill(0xffff);
+            } else {
+                self.coloured.copy_from_slice(&self.words);
+            }
+            for y in (0..height).step_by(2) {
+                let words = &mut self.coloured[y / 2 * words_per_row..][..words_per_row];
+                self.kernel.colour([view.row(y), view.row(y + 1)], gate, words);
+            }
+            self.finder.find(&self.coloured, words_per_row, 0..height / 2);
+            self.starts.clear();
+            self.collect_starts();
+            let most = if everywhere { MAX_FITS_ALONE / count.max(1) } else { MAX_FITS / 2 };
+            self.measure_starts(view, everywhere, &Prior::default(), most);
+        }
+    }
+
+    /// Turns the finder's blobs into starts, the likeliest first.
+    fn collect_starts(&mut self) {
+        for blob in self.finder.blobs() {
+            if !is_of_size(blob) {
+                continue;
+            }
+            let centre = centre_px(blob).map(|c| self.grid.frame_px(c));
+            if self.found.iter().any(|f| covers(&f.item, centre)) {
+                continue;
+            }
+            if let Some(start) = self.start_of(blob, centre) {
+                self.starts.push(start);
+            }
+        }
+        // Large ones first among the equally likely: noise makes small blobs.
+        let rank = |s: &Start| s.likeness * (s.sweep.area() / 40.0).min(1.0);
+        self.starts.sort_unstable_by(|a, b| {
+            rank(b).total_cmp(&rank(a)).then(a.rectifier.anchor[0].total_cmp(&b.rectifier.anchor[0]))
+        });
+    }
+
+    fn start_of(&self, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
+        let (rectifier, angle) = match sphere::rectifier(&self.camera, centre) {
+            Some((rectifier, angle)) => (rectifier, Some(angle)),
+            None => (Rectifier::plain(centre), None),
+        };
+        start(blob, self.grid.scale, rectifier, angle)
+    }
+
+    fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {
+        let mut fits = 0;
+        for i in 0..self.starts.len() {
+            let start = self.starts[i];
+            if fits == most || self.found.len() == self.found.capacity() {
+                break;
+            }
+            if self.found.iter().any(|f| covers(&f.item, start.rectifier.anchor)) {
+                continue;
+            }
+            fits += 1;
+            let behind =
+                if alone { Behind::Around(self.background.noise()) } else { Behind::Learnt(&self.background) };
+            let scene = Scene { view, grid: self.grid, behind };
+            let Some(measured) = scene.measure(&mut self.patch, &start, prior) else { continue };
+            let likeness = self.colour.likeness(&self.light, measured.levels);
+            let score = score(&measured, likeness);
+            if score < LEAST_SCORE {
+                continue;
+            }
+            let item = self.detection(&measured, score);
+            self.add(Found { item, measured, likeness });
+        }
+    }
+
+    /// Keeps a candidate unless a better one stands in its place.
+    fn add(&mut self, new: Found) {
+        if let Some(same) = self.found.iter_mut().find(|f| same_place(&f.item, &new.item)) {
+            if new.item.score > same.item.score {
+                *same = new;
+            }
+        } else {
+            self.found.push(new);
+        }
+    }
+
+    fn detection(&self, measured: &Measured, score: f64) -> Detection {
+        let fit = &measured.fit;
+        let rectifier = &measured.rectifier;
+        let outline = rectifier.pixel(fit.sweep.centre.map(f64::from));
+        let radius = f64::from(fit.sweep.radius);
+        let path = rectifier.offset_px(fit.sweep.path().map(f64::from));
+        let moved = fit.moving && f64::from(fit.sweep.length) > 2.0 * fit.covariance[3][3].sqrt();
+
+        let mut flags = 0;
+        let mut centre = outline;
+        if let Some(angle) = measured.angle_per_px {
+            let subtended = (radius * angle).min(0.5);
+            if let Some([du, dv]) = sphere::outline_to_centre(&self.camera, outline, subtended) {
+                centre = [outline[0] + du, outline[1] + dv];
+                flags |= DetectionFlags::SPHERE_CORRECTED;
+            }
+        }
+        let half = rectifier.half_extent_px(radius);
+        let covariance = covariance_px(fit, rectifier);
+        let spread = [covariance[0].sqrt(), covariance[2].sqrt()];
+        let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
+        let edge = [self.camera.width, self.camera.height].map(|n| f64::from(n) - 0.5);
+        let mut cut = false;
+        for axis in 0..2 {
+            let reach = half[axis] + 0.5 * path[axis].abs();
+            cut |= outline[axis] - reach < -0.5 || outline[axis] + reach > edge[axis];
+            let reach = reach + 0.5 + 2.0 * spread[axis].min(2.0);
+            low[axis] = (outline[axis] - reach).max(-0.5);
+            high[axis] = (outline[axis] + reach).min(edge[axis]);
+        }
+        if cut {
+            flags |= DetectionFlags::CUT_BY_FRAME;
+        }
+        if measured.hidden > 0.12 {
+            flags |= DetectionFlags::OCCLUDED;
+        }
+        if measured.saturated {
+            flags |= DetectionFlags::SATURATED;
+        }
+        if moved {
+            flags |= DetectionFlags::BLUR_MEASURED;
+        }
+        let blur = if moved { positive(path) } else { [0.0; 2] };
+        let diameter = if moved { across(rectifier, path, radius) } else { 2.0 * radius };
+        let mut score = score;
+        if self.rest.is_at_rest(centre, diameter) {
+            flags |= DetectionFlags::AT_REST;
+            score *= 0.4;
+        }
+        Detection {
+            u_px: centre[0],
+            v_px: centre[1],
+            covariance_px2: covariance,
+            x0_px: low[0],
+            y0_px: low[1],
+            x1_px: high[0],
+            y1_px: high[1],
+            diameter_px: diameter,
+            area_px2: f64::from(fit.sweep.area()),
+            blur_u_px: blur[0],
+            blur_v_px: blur[1],
+            score: score.clamp(0.0, 1.0),
+            flags,
+            _reserved: 0,
+        }
+    }
+
+    fn send(&mut self, header: &FrameHeader, scope: Scope, emit: &mut dyn FnMut(&Detections)) {
+        let message = &mut *self.message;
+        *message = Detections {
+            trigger_id: header.trigger_id,
+            sequence: header.sequence,
+            session: header.session,
+            stamps: header.stamps,
+            exposure_ns: header.exposure_ns,
+            camera: self.index,
+            scope: scope.code(),
+            ..Detections::default()
+        };
+        for found in &self.found {
+            message.insert(found.item);
+        }
+        emit(message);
+    }
+
+    /// What the frame teaches for the next one.
+    fn after(&mut self, view: &FrameView<'_>) {
+        if self.options.single_frames {
+            return;
+        }
+        self.kept.clear();
+        for found in &self.found {
+            let item = &found.item;
+            let place = [item.u_px, item.v_px];
+            let frames = self.rest.frames_at(place, item.diameter_px);
+            self.rest.see(place, item.diameter_px);
+            let area = self.pixel_box(item, view);
+            if is_gone(&found.measured) {
+                if frames >= 4 {
+                    self.background.replace(view, &area);
+                }
+                continue;
+            }
+            if self.kept.len() < self.kept.capacity() && item.score > 0.15 {
+                self.kept.push(area);
+            }
+        }
+        if let Some(best) = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))
+            && best.item.score > 0.75
+            && best.likeness > 0.25
+            && best.measured.misfit < 0.15
+            && best.measured.clutter < 0.2
+            && self.background.is_known()
+            && self.rest.frames_at([best.item.u_px, best.item.v_px], best.item.diameter_px) <= 1
+        {
+            self.colour.learn(&self.light, best.measured.levels);
+        }
+        self.background.learn(view, &self.kept);
+    }
+
+    fn pixel_box(&self, item: &Detection, view: &FrameView<'_>) -> PixelBox {
+        let x = self.grid.range(item.x0_px - 1.0, item.x1_px + 1.0, view.width());
+        let y = self.grid.range(item.y0_px - 1.0, item.y1_px + 1.0, view.height());
+        PixelBox { x0: x.start, y0: y.start, x1: x.end, y1: y.end }
+    }
+}
+
+/// Whether a place lies in a candidate's box.
+fn covers(item: &Detection, place: [f64; 2]) -> bool {
+    (item.x0_px..=item.x1_px).contains(&place[0]) && (item.y0_px..=item.y1_px).contains(&place[1])
+}
+
+/// Whether two candidates are one thing.
+fn same_place(a: &Detection, b: &Detection) -> bool {
+    let reach = 0.35 * (a.diameter_px + b.diameter_px);
+    (a.u_px - b.u_px).hypot(a.v_px - b.v_px) < reach || covers(a, [b.u_px, b.v_px]) || covers(b, [a.u_px, a.v_px])
+}
+
+/// The vector or its opposite, whichever begins with a positive number.
+fn positive([u, v]: [f64; 2]) -> [f64; 2] {
+    if u < 0.0 || (u == 0.0 && v < 0.0) { [-u, -v] } else { [u, v] }
+}
+
+/// The width across `path` of the image of a circle of `radius`.
+fn across(rectifier: &Rectifier, path: [f64; 2], radius: f64) -> f64 {
+    let norm = path[0].hypot(path[1]).max(1e-9);
+    let normal = [-path[1] / norm, path[0] / norm];
+    let [[a, b], [c, d]] = rectifier.backward();
+    2.0 * radius * (a * normal[0] + c * normal[1]).hypot(b * normal[0] + d * normal[1])
+}
+
+/// Covariance of the centre in pixels, from that along and across the path: uu, uv, vv.
+fn covariance_px(fit: &super::fit::Fit, rectifier: &Rectifier) -> [f64; 3] {
+    let (sin, cos) = f64::from(fit.sweep.angle).sin_cos();
+    let inflate = f64::from(fit.chi2.max(1.0));
+    let c: &[[f64; OUTLINE]; OUTLINE] = &fit.covariance;
+    let [[a, b], [d, e]] = rectifier.backward();
+    // Columns: the image of a unit step along, and across.
+    let along = [a * cos + b * sin, d * cos + e * sin];
+    let across = [-a * sin + b * cos, -d * sin + e * cos];
+    let element = |i: usize, j: usize| {
+        inflate
+            * (c[0][0] * along[i] * along[j]
+                + c[0][1] * (along[i] * across[j] + across[i] * along[j])
+                + c[1][1] * across[i] * across[j])
+    };
+    [element(0, 0) + FLOOR_PX2, element(0, 1), element(1, 1) + FLOOR_PX2]
+}

@@ -1,0 +1,142 @@
+use netcord_common::{PixelFormat, rig::BallColour, wire::Detection};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::scene::{Backdrop, Flight, Stage, Style};
+
+/// Result of a run over many single balls.
+#[derive(Debug, Default)]
+struct Report {
+    frames: usize,
+    missed: usize,
+    false_boxes: usize,
+    uncovered: usize,
+    errors: Vec<[f64; 2]>,
+    normalised: Vec<f64>,
+    scores: Vec<f64>,
+}
+
+impl Report {
+    fn rms(&self) -> f64 {
+        (self.errors.iter().map(|e| e[0] * e[0] + e[1] * e[1]).sum::<f64>() / (2.0 * self.errors.len() as f64))
+            .sqrt()
+    }
+
+    fn bias(&self) -> [f64; 2] {
+        [0, 1].map(|i| self.errors.iter().map(|e| e[i]).sum::<f64>() / self.errors.len() as f64)
+    }
+
+    fn mean_square_normalised(&self) -> f64 {
+        self.normalised.iter().sum::<f64>() / (2.0 * self.normalised.len() as f64)
+    }
+
+    fn line(&self) -> String {
+        let mut sorted = self.errors.iter().map(|e| e[0].hypot(e[1])).collect::<Vec<_>>();
+        sorted.sort_by(f64::total_cmp);
+        let at = |q: f64| sorted.get((q * sorted.len() as f64) as usize).copied().unwrap_or(f64::NAN);
+        let mut scores = self.scores.clone();
+        scores.sort_by(f64::total_cmp);
+        format!(
+            "frames {} missed {} false {} uncovered {} rms {:.3} median {:.3} p95 {:.3} bias {:.3?} chi2 {:.2} low score {:.2?}",
+            self.frames,
+            self.missed,
+            self.false_boxes,
+            self.uncovered,
+            self.rms(),
+            at(0.5),
+            at(0.95),
+            self.bias(),
+            self.mean_square_normalised(),
+            scores.get(scores.len() / 20),
+        )
+    }
+
+    fn see(&mut self, stage: &Stage, items: &[Detection], flight: &Flight) {
+        let truth = stage.image(flight);
+        self.frames += 1;
+        let near = |d: &&Detection| (d.u_px - truth[0]).hypot(d.v_px - truth[1]) < 0.5 * d.diameter_px + 3.0;
+        self.false_boxes += items.iter().filter(|d| d.score >= 0.5 && !near(d)).count();
+        let Some(best) = items.iter().filter(near).max_by(|a, b| a.score.total_cmp(&b.score)) else {
+            self.missed += 1;
+            return;
+        };
+        let error = [best.u_px - truth[0], best.v_px - truth[1]];
+        let [uu, uv, vv] = best.covariance_px2;
+        let determinant = uu * vv - uv * uv;
+        self.normalised.push(
+            (vv * error[0] * error[0] - 2.0 * uv * error[0] * error[1] + uu * error[1] * error[1]) / determinant,
+        );
+        self.errors.push(error);
+        self.scores.push(best.score);
+        let radius = 0.5 * best.diameter_px;
+        let ends = [-0.5, 0.5].map(|t| {
+            stage.image(&Flight { centre: flight.centre + flight.path * t, path: flight.path })
+        });
+        let _ = radius;
+        let covered = ends.iter().all(|e| {
+            // The true radius at the true place: by the sphere itself.
+            let r = super::scene::RADIUS_M * stage.camera.fx / flight.centre.z * 0.97;
+            e[0] - r >= best.x0_px && e[0] + r <= best.x1_px && e[1] - r >= best.y0_px && e[1] + r <= best.y1_px
+        });
+        self.uncovered += usize::from(!covered);
+    }
+}
+
+/// Balls at random places, one per frame.
+fn run(style: Style, colour: BallColour, seed: u64, n: usize, diameters: (f64, f64), blur: f64) -> Report {
+    let mut stage = Stage::new(style, seed);
+    let mut segmenter = stage.warmed(colour, 30);
+    let mut rng = Pcg64Mcg::seed_from_u64(seed + 100);
+    let mut report = Report::default();
+    let reflectance = stage.style.ball;
+    for _ in 0..n {
+        let place = [rng.random_range(90.0..550.0), rng.random_range(90.0..310.0)];
+        let diameter = rng.random_range(diameters.0..=diameters.1);
+        let length = if blur > 0.0 { rng.random_range(0.0..blur) } else { 0.0 };
+        let angle = rng.random_range(0.0..std::f64::consts::TAU);
+        let flight = stage.flight(place, diameter, [length * angle.cos(), length * angle.sin()]);
+        let frame = stage.render(&[(flight, reflectance)], &[], 1.0);
+        let found = stage.search(&mut segmenter, &frame, None);
+        if std::env::var("NETCORD_SHOW").is_ok() {
+            println!("truth {:?} d {diameter:.1} L {length:.1} a {angle:.2}", stage.image(&flight));
+            for d in found.items() {
+                println!("   {:.2} {:.2} d {:.1} blur {:.1} {:.1} score {:.2} sigma {:.3}", d.u_px, d.v_px, d.diameter_px, d.blur_u_px, d.blur_v_px, d.score, d.covariance_px2[0].sqrt());
+            }
+        }
+        report.see(&stage, found.items(), &flight);
+    }
+    report
+}
+
+#[test]
+fn clean_balls_of_every_size() {
+    for (low, high) in [(4.0, 6.0), (8.0, 20.0), (20.0, 60.0)] {
+        let report = run(Style::clean(), BallColour::Orange, 1, 40, (low, high), 0.0);
+        println!("clean {low}-{high}: {}", report.line());
+    }
+}
+
+#[test]
+fn blurred_balls_in_a_noisy_hall() {
+    for (low, high, blur) in [(8.0, 20.0, 10.0), (8.0, 20.0, 70.0), (20.0, 50.0, 110.0)] {
+        let report = run(Style::hall(), BallColour::Orange, 2, 40, (low, high), blur);
+        println!("hall {low}-{high} blur {blur}: {}", report.line());
+    }
+}
+
+#[test]
+fn white_balls_in_a_dim_cellar() {
+    for (low, high, blur) in [(10.0, 20.0, 0.0), (10.0, 20.0, 15.0), (10.0, 20.0, 60.0)] {
+        let report = run(Style::cellar(), BallColour::White, 3, 40, (low, high), blur);
+        println!("cellar {low}-{high} blur {blur}: {}", report.line());
+    }
+}
+
+#[test]
+fn all_mosaics_and_grey() {
+    for format in PixelFormat::ALL {
+        let style = Style { format, backdrop: Backdrop::Stripes, ..Style::hall() };
+        let report = run(style, BallColour::Auto, 4, 20, (10.0, 20.0), 8.0);
+        println!("{format}: {}", report.line());
+    }
+}
