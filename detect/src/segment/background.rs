@@ -191,7 +191,8 @@ impl Background {
             let count = kept.iter().filter(|r| r.is_finite()).count();
             let found = if count * 2 >= PROBES { median_of(&kept).unwrap_or(whole) } else { whole };
             // Eight probes are a noisy witness; the whole frame is a steady one.
-            self.light[zone] = if (found / whole - 1.0).abs() < 0.03 { 0.7 * whole + 0.3 * found } else { found };
+            self.light[zone] =
+                if (found / whole - 1.0).abs() < 0.03 { 0.7 * whole + 0.3 * found } else { found };
         }
         if self.frames.is_multiple_of(8) || self.frames < 8 {
             self.noise.refit();

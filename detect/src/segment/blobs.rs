@@ -197,7 +197,10 @@ impl BlobFinder {
             blob.y0 = blob.y0.min(run.row);
             blob.y1 = blob.y1.max(run.row + 1);
             // Closed sums over x = a … b − 1.
-            let (a, b) = (f64::from(run.x0) - f64::from(blob.origin[0]), f64::from(run.x1) - f64::from(blob.origin[0]));
+            let (a, b) = (
+                f64::from(run.x0) - f64::from(blob.origin[0]),
+                f64::from(run.x1) - f64::from(blob.origin[0]),
+            );
             let y = f64::from(run.row) - f64::from(blob.origin[1]);
             let n = b - a;
             let sum_x = 0.5 * n * (a + b - 1.0);
@@ -258,8 +261,9 @@ mod tests {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         for density in [0.01, 0.04, 0.1, 0.4] {
             let (w, h) = (150_usize, 60_usize);
-            let cells =
-                (0..h).map(|_| (0..w).map(|_| rng.random_bool(density)).collect()).collect::<Vec<Vec<bool>>>();
+            let cells = (0..h)
+                .map(|_| (0..w).map(|_| rng.random_bool(density)).collect())
+                .collect::<Vec<Vec<bool>>>();
             let words_per_row = w.div_ceil(16);
             let mut words = vec![0_u16; words_per_row * h];
             for (y, row) in cells.iter().enumerate() {

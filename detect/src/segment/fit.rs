@@ -96,8 +96,7 @@ fn accumulate_body(
             let contrast = ball - background;
             let model = background + coverage.alpha * contrast;
             // A saturated pixel says only that the ball is at least this bright.
-            let informs = one
-                - one.where_positive(seen - saturated).where_positive(model - saturated);
+            let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
             let residual = (seen - model) * informs;
             let z = residual * inverse_sigma;
             let robust = (one + z * z * softness).recip();
@@ -255,7 +254,13 @@ fn eliminate(
         for j in 0..SHADING {
             // Shading is smooth: its slopes and curvatures are of the order of the contrast itself, which
             // keeps them in bounds on the smallest balls.
-            let spread = if j == 0 { 20.0 } else if j < 3 { 0.6 } else { 0.4 } * typical[channel];
+            let spread = if j == 0 {
+                20.0
+            } else if j < 3 {
+                0.6
+            } else {
+                0.4
+            } * typical[channel];
             let tie = 1.0 / (spread * spread);
             a[j][j] += tie;
             for i in 0..OUTLINE {
@@ -365,11 +370,7 @@ fn prior_cost(prior: &Prior, sweep: &Sweep) -> f64 {
     prior.radius.map_or(0.0, |(radius, sigma)| f64::from((sweep.radius - radius) / sigma).powi(2))
 }
 
-fn apply_shading(
-    shading: &mut [[f32; SHADING]; CHANNELS],
-    eliminated: &Eliminated,
-    taken: &[f64; OUTLINE],
-) {
+fn apply_shading(shading: &mut [[f32; SHADING]; CHANNELS], eliminated: &Eliminated, taken: &[f64; OUTLINE]) {
     for (shading, solved) in shading.iter_mut().zip(&eliminated.solved) {
         for (term, solved) in shading.iter_mut().zip(solved) {
             let follows: f64 = solved[..OUTLINE].iter().zip(taken).map(|(s, t)| s * t).sum();
@@ -432,8 +433,13 @@ fn outline_covariance(
 /// derivatives mean anything; and the step as taken.
 fn moved(from: &Sweep, step: &[f64; OUTLINE]) -> (Sweep, [f64; OUTLINE]) {
     let (radius, length) = (f64::from(from.radius), f64::from(from.length));
-    let most =
-        [0.5 * radius + 0.2 * length, 0.5 * radius, 0.3 * radius, 0.4 * (length + radius), 0.5 * radius / (0.5 * length + radius)];
+    let most = [
+        0.5 * radius + 0.2 * length,
+        0.5 * radius,
+        0.3 * radius,
+        0.4 * (length + radius),
+        0.5 * radius / (0.5 * length + radius),
+    ];
     let share = step.iter().zip(most).fold(1.0_f64, |share, (s, most)| share.min(most / s.abs().max(1e-12)));
     let mut taken = step.map(|s| s * share);
     taken[2] = taken[2].max(0.8 - radius);

@@ -78,8 +78,10 @@ pub fn run(
         let name = options.camera.clone().expect("a rig has cameras, so that only a name can exclude all");
         return Err(LiveError::NoSuchCamera { name, valid });
     }
-    let mut watchers =
-        cameras.iter().map(|c| Watcher::open(bus, rig, c, options, counters)).collect::<Result<Vec<_>, _>>()?;
+    let mut watchers = cameras
+        .iter()
+        .map(|c| Watcher::open(bus, rig, c, options, counters))
+        .collect::<Result<Vec<_>, _>>()?;
     let process = options.camera.as_ref().map_or("segment".to_owned(), |name| format!("segment:{name}"));
     let mut health = HealthReporter::open(bus, &process, counters)?;
     let allocated = counters.register("allocations");

@@ -69,14 +69,14 @@ impl Scene<'_> {
         let reach = margin(sweep.radius);
         let whole = Sweep { radius: sweep.radius + reach, ..*sweep };
         let per_pixel = (self.grid.scale * self.grid.scale) as f32;
-        let decimation = (whole.area() * per_pixel / (0.8 * MAX_SAMPLES as f32)).sqrt().ceil().max(1.0) as usize;
+        let decimation =
+            (whole.area() * per_pixel / (0.8 * MAX_SAMPLES as f32)).sqrt().ceil().max(1.0) as usize;
         patch.clear(decimation);
         let [half_width, half_height] = rectifier.half_extent_px(f64::from(whole.radius));
         let path = rectifier.offset_px(sweep.path().map(f64::from));
         let centre = rectifier.pixel(sweep.centre.map(f64::from));
         let (half_width, half_height) = (half_width + 0.5 * path[0].abs(), half_height + 0.5 * path[1].abs());
-        let columns =
-            self.grid.range(centre[0] - half_width, centre[0] + half_width, self.view.width() & !1);
+        let columns = self.grid.range(centre[0] - half_width, centre[0] + half_width, self.view.width() & !1);
         let rows = self.grid.range(centre[1] - half_height, centre[1] + half_height, self.view.height() & !1);
         let (sin, cos) = sweep.angle.sin_cos();
         let noise = self.noise();
@@ -133,10 +133,10 @@ impl Scene<'_> {
         // Pixels around the outline decide: where it moved to the patch's edge, look again.
         let reach = margin(sweep.radius);
         for _ in 0..2 {
-            let shift = (found.sweep.centre[0] - sweep.centre[0]).hypot(found.sweep.centre[1] - sweep.centre[1]);
-            let growth = (found.sweep.radius - sweep.radius)
-                .max(0.0)
-                .max(0.5 * (found.sweep.length - sweep.length));
+            let shift =
+                (found.sweep.centre[0] - sweep.centre[0]).hypot(found.sweep.centre[1] - sweep.centre[1]);
+            let growth =
+                (found.sweep.radius - sweep.radius).max(0.0).max(0.5 * (found.sweep.length - sweep.length));
             let turn = (found.sweep.angle - sweep.angle).sin().abs() * 0.5 * found.sweep.length;
             let around = matches!(self.behind, Behind::Around(_));
             if shift + growth + turn < 0.5 * reach && !(around && found.sweep.radius < 0.8 * sweep.radius) {
@@ -329,10 +329,10 @@ fn continue_around(patch: &mut Patch, sweep: &Sweep, noise: &Noise) {
                 continue;
             }
             let seen = samples.seen[i];
-            let background =
-                (plane[0] + plane[1] * samples.x[i] + plane[2] * samples.y[i]).clamp(0.0, 255.0);
+            let background = (plane[0] + plane[1] * samples.x[i] + plane[2] * samples.y[i]).clamp(0.0, 255.0);
             samples.background[i] = background;
-            let sigma = noise.sigma(seen.max(background)).hypot(spread) + MODEL_ERROR * (seen - background).abs();
+            let sigma =
+                noise.sigma(seen.max(background)).hypot(spread) + MODEL_ERROR * (seen - background).abs();
             samples.inverse_sigma[i] = 1.0 / sigma;
         }
     }

@@ -1,7 +1,4 @@
-use super::{
-    lanes::LANES,
-    sweep::Sweep,
-};
+use super::{lanes::LANES, sweep::Sweep};
 
 /// Colours of a patch: red, green, blue; grey frames have only the first.
 pub const CHANNELS: usize = 3;

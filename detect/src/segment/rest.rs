@@ -47,9 +47,7 @@ impl RestWatch {
 
     fn find(&self, place: [f64; 2], diameter: f64) -> Option<usize> {
         let reach = STILL_PX + STILL_SHARE * diameter;
-        self.watched
-            .iter()
-            .position(|w| (w.anchor[0] - place[0]).hypot(w.anchor[1] - place[1]) <= reach)
+        self.watched.iter().position(|w| (w.anchor[0] - place[0]).hypot(w.anchor[1] - place[1]) <= reach)
     }
 
     /// Begins a frame.

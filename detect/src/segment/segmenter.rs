@@ -82,10 +82,8 @@ impl Segmenter {
     /// # Errors
     /// [`SegmentError::NoSuchCamera`], [`SegmentError::TooSmall`].
     pub fn new(rig: &Rig, index: usize, options: SegmentOptions) -> Result<Self, SegmentError> {
-        let camera = rig
-            .cameras
-            .get(index)
-            .ok_or(SegmentError::NoSuchCamera { index, cameras: rig.cameras.len() })?;
+        let camera =
+            rig.cameras.get(index).ok_or(SegmentError::NoSuchCamera { index, cameras: rig.cameras.len() })?;
         let (width, height) = (camera.model.width as usize, camera.model.height as usize);
         if width < 16 || height < 16 {
             return Err(SegmentError::TooSmall { camera: camera.name.to_string(), width, height });
@@ -238,7 +236,11 @@ impl Segmenter {
     /// What a window says of the ball's size.
     fn prior(&self, window: &SearchWindow) -> Prior {
         let diameter = window.diameter_px as f32;
-        if diameter > 1.0 { Prior { radius: Some((0.5 * diameter, 0.1 * diameter)) } } else { Prior::default() }
+        if diameter > 1.0 {
+            Prior { radius: Some((0.5 * diameter, 0.1 * diameter)) }
+        } else {
+            Prior::default()
+        }
     }
 
     fn search_frame(&mut self, view: &FrameView<'_>) {
@@ -279,7 +281,8 @@ impl Segmenter {
     /// Whether something large, or something that was no ball, moves.
     fn crowded(&self) -> bool {
         self.finder.blobs().iter().any(|blob| {
-            blob.cells > CROWD_CELLS && !self.found.iter().any(|f| f.item.score > 0.3 && covers(&f.item, centre_px(blob)))
+            blob.cells > CROWD_CELLS
+                && !self.found.iter().any(|f| f.item.score > 0.3 && covers(&f.item, centre_px(blob)))
         })
     }
 
@@ -351,8 +354,11 @@ impl Segmenter {
                 continue;
             }
             fits += 1;
-            let behind =
-                if alone { Behind::Around(self.background.noise()) } else { Behind::Learnt(&self.background) };
+            let behind = if alone {
+                Behind::Around(self.background.noise())
+            } else {
+                Behind::Learnt(&self.background)
+            };
             let scene = Scene { view, grid: self.grid, behind };
             let Some(measured) = scene.measure(&mut self.patch, &start, prior) else { continue };
             let likeness = self.colour.likeness(&self.light, measured.levels);
@@ -511,7 +517,9 @@ fn covers(item: &Detection, place: [f64; 2]) -> bool {
 /// Whether two candidates are one thing.
 fn same_place(a: &Detection, b: &Detection) -> bool {
     let reach = 0.35 * (a.diameter_px + b.diameter_px);
-    (a.u_px - b.u_px).hypot(a.v_px - b.v_px) < reach || covers(a, [b.u_px, b.v_px]) || covers(b, [a.u_px, a.v_px])
+    (a.u_px - b.u_px).hypot(a.v_px - b.v_px) < reach
+        || covers(a, [b.u_px, b.v_px])
+        || covers(b, [a.u_px, a.v_px])
 }
 
 /// The vector or its opposite, whichever begins with a positive number.

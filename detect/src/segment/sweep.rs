@@ -60,8 +60,7 @@ pub struct Coverer {
 }
 
 /// Gauss–Legendre nodes and weights over the width of a pixel.
-const NODES: [(f32, f32); 3] =
-    [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
+const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
 
 impl Coverer {
     #[inline(always)]
@@ -183,7 +182,8 @@ mod tests {
 
     #[test]
     fn coverage_is_what_counting_sub_pixels_gives() {
-        for (radius, length, angle) in [(2.0, 0.0, 0.0), (5.3, 9.0, 0.0), (7.5, 30.0, 0.6), (3.0, 2.0, -1.1)] {
+        for (radius, length, angle) in [(2.0, 0.0, 0.0), (5.3, 9.0, 0.0), (7.5, 30.0, 0.6), (3.0, 2.0, -1.1)]
+        {
             let sweep = Sweep { centre: [0.3, -0.2], radius, length, angle };
             let reach = (radius + 0.5 * length + 2.0) as i32;
             let (mut worst, mut total, mut expected_total) = (0.0_f32, 0.0, 0.0);
@@ -226,9 +226,10 @@ mod tests {
                     let (x, y) = (x as f32, y as f32);
                     let weight = 1.0 + 0.1 * x - 0.07 * y + 0.01 * x * y;
                     let at = Coverer::new(&sweep).at(Lanes::all(x), Lanes::all(y));
-                    
+
                     analytic += weight * at.slopes[i].0[0];
-                    numeric += weight * (alpha(&moved(i, 1.0), x, y) - alpha(&moved(i, -1.0), x, y)) / (2.0 * step);
+                    numeric +=
+                        weight * (alpha(&moved(i, 1.0), x, y) - alpha(&moved(i, -1.0), x, y)) / (2.0 * step);
                 }
             }
             let scale = f32::max(numeric.abs(), 1.0);

@@ -18,7 +18,8 @@ struct Report {
 
 impl Report {
     fn rms(&self) -> f64 {
-        (self.errors.iter().map(|e| e[0] * e[0] + e[1] * e[1]).sum::<f64>() / (2.0 * self.errors.len() as f64))
+        (self.errors.iter().map(|e| e[0] * e[0] + e[1] * e[1]).sum::<f64>()
+            / (2.0 * self.errors.len() as f64))
             .sqrt()
     }
 
@@ -64,19 +65,22 @@ impl Report {
         let [uu, uv, vv] = best.covariance_px2;
         let determinant = uu * vv - uv * uv;
         self.normalised.push(
-            (vv * error[0] * error[0] - 2.0 * uv * error[0] * error[1] + uu * error[1] * error[1]) / determinant,
+            (vv * error[0] * error[0] - 2.0 * uv * error[0] * error[1] + uu * error[1] * error[1])
+                / determinant,
         );
         self.errors.push(error);
         self.scores.push(best.score);
         let radius = 0.5 * best.diameter_px;
-        let ends = [-0.5, 0.5].map(|t| {
-            stage.image(&Flight { centre: flight.centre + flight.path * t, path: flight.path })
-        });
+        let ends = [-0.5, 0.5]
+            .map(|t| stage.image(&Flight { centre: flight.centre + flight.path * t, path: flight.path }));
         let _ = radius;
         let covered = ends.iter().all(|e| {
             // The true radius at the true place: by the sphere itself.
             let r = super::scene::RADIUS_M * stage.camera.fx / flight.centre.z * 0.97;
-            e[0] - r >= best.x0_px && e[0] + r <= best.x1_px && e[1] - r >= best.y0_px && e[1] + r <= best.y1_px
+            e[0] - r >= best.x0_px
+                && e[0] + r <= best.x1_px
+                && e[1] - r >= best.y0_px
+                && e[1] + r <= best.y1_px
         });
         self.uncovered += usize::from(!covered);
     }
@@ -100,7 +104,16 @@ fn run(style: Style, colour: BallColour, seed: u64, n: usize, diameters: (f64, f
         if std::env::var("NETCORD_SHOW").is_ok() {
             println!("truth {:?} d {diameter:.1} L {length:.1} a {angle:.2}", stage.image(&flight));
             for d in found.items() {
-                println!("   {:.2} {:.2} d {:.1} blur {:.1} {:.1} score {:.2} sigma {:.3}", d.u_px, d.v_px, d.diameter_px, d.blur_u_px, d.blur_v_px, d.score, d.covariance_px2[0].sqrt());
+                println!(
+                    "   {:.2} {:.2} d {:.1} blur {:.1} {:.1} score {:.2} sigma {:.3}",
+                    d.u_px,
+                    d.v_px,
+                    d.diameter_px,
+                    d.blur_u_px,
+                    d.blur_v_px,
+                    d.score,
+                    d.covariance_px2[0].sqrt()
+                );
             }
         }
         report.see(&stage, found.items(), &flight);

@@ -1,13 +1,12 @@
 //! The kernels with AVX2: 32 pixels at a time. All loads and stores are unaligned.
 
 use core::arch::x86_64::{
-    __m128i, __m256i, _mm_load_si128, _mm256_add_epi16, _mm256_add_epi64, _mm256_adds_epu8,
-    _mm256_and_si256, _mm256_andnot_si256, _mm256_blendv_epi8, _mm256_broadcastsi128_si256,
-    _mm256_cmpeq_epi8, _mm256_cmpgt_epi16, _mm256_extract_epi64,
-    _mm256_loadu_si256, _mm256_maddubs_epi16, _mm256_max_epu8, _mm256_min_epu8,
-    _mm256_movemask_epi8, _mm256_mullo_epi16, _mm256_or_si256, _mm256_packs_epi16, _mm256_sad_epu8,
-    _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_srli_epi16,
-    _mm256_storeu_si256, _mm256_sub_epi8, _mm256_subs_epu8,
+    __m128i, __m256i, _mm_load_si128, _mm256_add_epi16, _mm256_add_epi64, _mm256_adds_epu8, _mm256_and_si256,
+    _mm256_andnot_si256, _mm256_blendv_epi8, _mm256_broadcastsi128_si256, _mm256_cmpeq_epi8,
+    _mm256_cmpgt_epi16, _mm256_extract_epi64, _mm256_loadu_si256, _mm256_maddubs_epi16, _mm256_max_epu8,
+    _mm256_min_epu8, _mm256_movemask_epi8, _mm256_mullo_epi16, _mm256_or_si256, _mm256_packs_epi16,
+    _mm256_sad_epu8, _mm256_set1_epi8, _mm256_set1_epi16, _mm256_setzero_si256, _mm256_shuffle_epi8,
+    _mm256_srli_epi16, _mm256_storeu_si256, _mm256_sub_epi8, _mm256_subs_epu8,
 };
 
 use super::{BackgroundRow, ColourGate, LevelTables, WORD_PX, plain};
@@ -93,11 +92,8 @@ pub unsafe fn foreground(
     let mut any = 0;
     let mut word_index = 0;
     for (zone, tables) in zones.iter().enumerate() {
-        let end = if zone + 1 == zones.len() {
-            whole_words
-        } else {
-            ((zone + 1) * zone_words).min(whole_words)
-        };
+        let end =
+            if zone + 1 == zones.len() { whole_words } else { ((zone + 1) * zone_words).min(whole_words) };
         let tables = load_tables(tables);
         while word_index < end {
             let at = word_index * WORD_PX;
@@ -187,20 +183,16 @@ pub unsafe fn learn(row: &[u8], background: BackgroundRow<'_>, tables: &LevelTab
         let forgotten = _mm256_blendv_epi8(_mm256_subs_epu8(e, one), e, former);
 
         let one_more = _mm256_adds_epu8(e, one);
-        let enough = _mm256_or_si256(
-            former,
-            _mm256_cmpeq_epi8(_mm256_max_epu8(one_more, patience_lanes), one_more),
-        );
+        let enough =
+            _mm256_or_si256(former, _mm256_cmpeq_epi8(_mm256_max_epu8(one_more, patience_lanes), one_more));
         let swap = _mm256_and_si256(is_other, enough);
 
         let waits = _mm256_andnot_si256(_mm256_cmpeq_epi8(_mm256_max_epu8(e, former_end), e), former);
-        let starts =
-            _mm256_andnot_si256(waits, _mm256_or_si256(former, _mm256_cmpeq_epi8(e, zero)));
+        let starts = _mm256_andnot_si256(waits, _mm256_or_si256(former, _mm256_cmpeq_epi8(e, zero)));
         let of_neither =
             _mm256_blendv_epi8(_mm256_blendv_epi8(_mm256_sub_epi8(e, one), one, starts), one_more, waits);
 
-        let new_level =
-            _mm256_blendv_epi8(_mm256_blendv_epi8(l, followed, is_background), o, swap);
+        let new_level = _mm256_blendv_epi8(_mm256_blendv_epi8(l, followed, is_background), o, swap);
         let restart = _mm256_and_si256(neither, starts);
         let new_other = _mm256_blendv_epi8(_mm256_blendv_epi8(o, seen, restart), l, swap);
         let of_other = _mm256_blendv_epi8(one_more, former_start, enough);
@@ -236,8 +228,7 @@ pub unsafe fn sum(bytes: &[u8]) -> u64 {
             *sum = _mm256_add_epi64(*sum, _mm256_sad_epu8(part, zero));
         }
     }
-    let total =
-        _mm256_add_epi64(_mm256_add_epi64(sums[0], sums[1]), _mm256_add_epi64(sums[2], sums[3]));
+    let total = _mm256_add_epi64(_mm256_add_epi64(sums[0], sums[1]), _mm256_add_epi64(sums[2], sums[3]));
     let lanes = [
         _mm256_extract_epi64::<0>(total),
         _mm256_extract_epi64::<1>(total),

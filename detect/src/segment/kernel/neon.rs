@@ -1,9 +1,9 @@
 //! The kernels with NEON: 32 pixels (two registers) at a time.
 
 use core::arch::aarch64::{
-    uint8x16_t, uint16x8_t, vabdq_u8, vaddlvq_u8, vaddq_u16, vaddvq_u16, vandq_u16,
-    vcgtq_s16, vcgtq_u16, vdupq_n_s16, vdupq_n_u16, vld1q_u8, vld1q_u16, vmlaq_s16, vpaddlq_u8,
-    vqaddq_u8, vqsubq_u8, vqtbl1q_u8, vreinterpretq_s16_u16, vreinterpretq_u16_u8, vshrq_n_u8, vshrq_n_u16,
+    uint8x16_t, uint16x8_t, vabdq_u8, vaddlvq_u8, vaddq_u16, vaddvq_u16, vandq_u16, vcgtq_s16, vcgtq_u16,
+    vdupq_n_s16, vdupq_n_u16, vld1q_u8, vld1q_u16, vmlaq_s16, vpaddlq_u8, vqaddq_u8, vqsubq_u8, vqtbl1q_u8,
+    vreinterpretq_s16_u16, vreinterpretq_u16_u8, vshrq_n_u8, vshrq_n_u16,
 };
 
 use super::{ColourGate, LevelTables, WORD_PX, plain};
@@ -60,11 +60,8 @@ pub unsafe fn foreground(
     let mut any = 0;
     let mut word_index = 0;
     for (zone, tables) in zones.iter().enumerate() {
-        let end = if zone + 1 == zones.len() {
-            whole_words
-        } else {
-            ((zone + 1) * zone_words).min(whole_words)
-        };
+        let end =
+            if zone + 1 == zones.len() { whole_words } else { ((zone + 1) * zone_words).min(whole_words) };
         let tables = load_tables(tables);
         while word_index < end {
             let mut bits = 0;

@@ -27,7 +27,9 @@ fn every_kernel_gives_the_bits_of_the_plain_one() {
         let background2 = bytes(&mut rng, width);
         // Near the background, so that both verdicts occur.
         let mut near = |of: &[u8]| {
-            of.iter().map(|b| b.saturating_add(rng.random_range(0..60)).saturating_sub(30)).collect::<Vec<u8>>()
+            of.iter()
+                .map(|b| b.saturating_add(rng.random_range(0..60)).saturating_sub(30))
+                .collect::<Vec<u8>>()
         };
         let rows = [near(&background), near(&background2)];
         let zones = (0..rng.random_range(1..9)).map(|_| tables(&mut rng)).collect::<Vec<_>>();
@@ -35,12 +37,15 @@ fn every_kernel_gives_the_bits_of_the_plain_one() {
         let (mut found, mut expected) = (vec![0; words], vec![0; words]);
         let rows = [&rows[0][..], &rows[1][..]];
         let any = kernel.foreground(rows, [&background, &background2], &zones, 256, &mut found);
-        let any_plain = Kernel::Plain.foreground(rows, [&background, &background2], &zones, 256, &mut expected);
+        let any_plain =
+            Kernel::Plain.foreground(rows, [&background, &background2], &zones, 256, &mut expected);
         assert_eq!((any, &found), (any_plain, &expected));
 
         let weight = |rng: &mut Pcg64Mcg| rng.random_range(-1.0..1.0_f32);
         let tests = (0..6)
-            .map(|_| ([weight(&mut rng), weight(&mut rng), weight(&mut rng)], 100.0 * weight(&mut rng) - 60.0))
+            .map(|_| {
+                ([weight(&mut rng), weight(&mut rng), weight(&mut rng)], 100.0 * weight(&mut rng) - 60.0)
+            })
             .collect::<Vec<_>>();
         let gate = ColourGate::new(PixelFormat::ALL[round % 5], &tests);
         let mut by_plain = expected.clone();
@@ -51,7 +56,8 @@ fn every_kernel_gives_the_bits_of_the_plain_one() {
         let states = [bytes(&mut rng, width), bytes(&mut rng, width)];
         let patience = rng.random_range(1..=100);
         let learn = |kernel: Kernel| {
-            let (mut level, mut other, mut evidence) = (background.clone(), states[0].clone(), states[1].clone());
+            let (mut level, mut other, mut evidence) =
+                (background.clone(), states[0].clone(), states[1].clone());
             let row = BackgroundRow { level: &mut level, other: &mut other, evidence: &mut evidence };
             kernel.learn(rows[0], row, &zones[0], patience);
             (level, other, evidence)

@@ -229,11 +229,16 @@ impl Stage {
     fn draw(&self, image: &mut [[f32; 3]], flight: &Flight, reflectance: &[f32; 3], light: f32) {
         let (width, height) = self.size;
         let ends = [-0.5, 0.5].map(|t| {
-            let p = self.camera.project(&Point::<Camera>::from(flight.centre + flight.path * t)).expect("in view");
+            let p = self
+                .camera
+                .project(&Point::<Camera>::from(flight.centre + flight.path * t))
+                .expect("in view");
             p
         });
         let length = (ends[1] - ends[0]).norm();
-        let reach = 1.9 * RADIUS_M * self.camera.fx / flight.centre.z * (1.0 + (flight.centre.xy().norm() / flight.centre.z).powi(2)) + 3.0;
+        let reach = 1.9 * RADIUS_M * self.camera.fx / flight.centre.z
+            * (1.0 + (flight.centre.xy().norm() / flight.centre.z).powi(2))
+            + 3.0;
         let times = ((length * 3.0).ceil() as usize).clamp(1, 400);
         let low = ends[0].inf(&ends[1]).map(|v| (v - reach).floor().max(0.0) as usize);
         let x_end = ((ends[0].x.max(ends[1].x) + reach).ceil().max(0.0) as usize).min(width);
@@ -298,7 +303,12 @@ impl Stage {
     }
 
     /// Runs a segmenter over a frame; gives the full message.
-    pub fn search(&self, segmenter: &mut Segmenter, bytes: &[u8], window: Option<&SearchWindow>) -> Detections {
+    pub fn search(
+        &self,
+        segmenter: &mut Segmenter,
+        bytes: &[u8],
+        window: Option<&SearchWindow>,
+    ) -> Detections {
         let mut full = Detections::default();
         segmenter
             .process(&self.header(self.frame), &self.view(bytes), window, &mut |m| {
