@@ -6,8 +6,10 @@
 //! - [`run`] is the body of `netcord capture`.
 //! - [`usb`] drives USB3 Vision cameras.
 //! - [`FramesetAssembler`] gives the verdict on each trigger.
+//! - [`recording`] reads and writes recordings, for replay and for `netcord process`.
 
 mod frameset;
+pub mod recording;
 mod run;
 mod sink;
 mod source;

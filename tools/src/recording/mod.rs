@@ -1,0 +1,12 @@
+//! What recordings and viewers show of a rig: topics, schemas, boxes in images, the 3D scene.
+
+mod annotations;
+pub mod colours;
+mod scene;
+mod schemas;
+mod topics;
+
+pub use annotations::annotations;
+pub use scene::{Scene, world_frame_id};
+pub use schemas::{bytes_of, foxglove_schema, netcord_schema};
+pub use topics::{RigTopics, Wanted};
