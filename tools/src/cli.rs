@@ -48,6 +48,8 @@ enum Command {
     Triangulate(commands::triangulate::Args),
     /// Predict the ball's flight, live or over recorded flights.
     Predict(commands::predict::Args),
+    /// Run the stages over a recording: positions, detections, predictions, and a recording of them all.
+    Process(commands::process::Args),
     /// Measure latencies, rates and losses of a running rig.
     Latency(commands::latency::Args),
     /// Print messages of a running rig as JSON lines.
@@ -74,6 +76,7 @@ impl Cli {
             Command::Segment(args) => commands::segment::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),
+            Command::Process(args) => commands::process::run(&args),
             Command::Latency(args) => commands::latency::run(&args),
             Command::Listen(args) => commands::listen::run(&args),
             Command::Rig(args) => commands::rig::run(&args),

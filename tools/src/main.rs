@@ -5,6 +5,7 @@ mod commands;
 mod exit;
 mod observer;
 mod plot;
+mod recording;
 mod stage;
 mod supervisor;
 mod terminal;

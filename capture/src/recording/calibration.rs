@@ -27,7 +27,10 @@ impl RecordedCalibration {
     /// A lens model other than `plumb_bob`, arrays of another length, or impossible intrinsics.
     pub fn parse(message: &CameraCalibration) -> Result<Self, String> {
         if !matches!(message.distortion_model.as_str(), "" | "plumb_bob") {
-            return Err(format!("its distortion model is {:?}; valid is plumb_bob", message.distortion_model));
+            return Err(format!(
+                "its distortion model is {:?}; valid is plumb_bob",
+                message.distortion_model
+            ));
         }
         let k: &[f64; 9] = message.k.as_slice().try_into().map_err(|_| {
             format!("its K has {} numbers; the 9 of a 3 × 3 matrix, row by row, are needed", message.k.len())
@@ -46,7 +49,9 @@ impl RecordedCalibration {
 fn lens(d: &[f64]) -> Result<[f64; 5], String> {
     let mut lens = [0.0; 5];
     let (known, rest) = d.split_at(d.len().min(5));
-    if !matches!(d.len(), 0 | 4 | 5) && rest.iter().chain((d.len() < 4).then_some(&f64::NAN)).any(|v| *v != 0.0) {
+    if !matches!(d.len(), 0 | 4 | 5)
+        && rest.iter().chain((d.len() < 4).then_some(&f64::NAN)).any(|v| *v != 0.0)
+    {
         return Err(format!("its D has {} numbers; plumb_bob has k1 k2 p1 p2 k3 (or none)", d.len()));
     }
     lens[..known.len()].copy_from_slice(known);
@@ -58,9 +63,9 @@ fn pose(k: &[f64; 9], p: &[f64]) -> Result<Option<Transform<Camera, World>>, Str
     if p.iter().all(|v| *v == 0.0) {
         return Ok(None);
     }
-    let p: &[f64; 12] = p
-        .try_into()
-        .map_err(|_| format!("its P has {} numbers; the 12 of a 3 × 4 matrix, row by row, are needed", p.len()))?;
+    let p: &[f64; 12] = p.try_into().map_err(|_| {
+        format!("its P has {} numbers; the 12 of a 3 × 4 matrix, row by row, are needed", p.len())
+    })?;
     let k = Matrix3::from_row_slice(k);
     let k_inverse = k.try_inverse().ok_or("its K has no inverse")?;
     let left = Matrix3::new(p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]);
@@ -80,10 +85,8 @@ fn pose(k: &[f64; 9], p: &[f64]) -> Result<Option<Transform<Camera, World>>, Str
 /// A sentence, when it is no rigid transform.
 pub fn table_from_camera(message: &FrameTransform) -> Result<Transform<World, Camera>, String> {
     let t = message.translation.as_ref().map_or_else(NaVector3::zeros, |t| NaVector3::new(t.x, t.y, t.z));
-    let q = message
-        .rotation
-        .as_ref()
-        .map_or(NaQuaternion::identity(), |q| NaQuaternion::new(q.w, q.x, q.y, q.z));
+    let q =
+        message.rotation.as_ref().map_or(NaQuaternion::identity(), |q| NaQuaternion::new(q.w, q.x, q.y, q.z));
     // Files may give a quaternion to a few digits; one far from unit length is something else.
     if !((q.norm() - 1.0).abs() < 1e-3 && t.iter().all(|v| v.is_finite())) {
         return Err(format!("its rotation has the length {}, not 1, or a number is not finite", q.norm()));

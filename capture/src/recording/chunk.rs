@@ -80,7 +80,9 @@ impl Packed {
         let packed = number(name_at + name_length)?;
         let data = start + name_at + name_length + 8;
         if unpacked > MAX_UNPACKED {
-            return Err(format!("it says that it unpacks to {unpacked} bytes, more than any recording's chunk"));
+            return Err(format!(
+                "it says that it unpacks to {unpacked} bytes, more than any recording's chunk"
+            ));
         }
         Ok(Self {
             at,

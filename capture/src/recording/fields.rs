@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use prost::Message as _;
 use prost_types::{
-    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto,
-    FileDescriptorSet,
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto,
+    FileDescriptorProto, FileDescriptorSet,
     field_descriptor_proto::{Label, Type},
 };
 
@@ -222,8 +222,7 @@ impl Describer {
         let outer = std::mem::take(&mut self.fields);
         M::default().fields(self);
         let field = std::mem::replace(&mut self.fields, outer);
-        let message =
-            DescriptorProto { name: Some(M::NAME.into()), field, ..DescriptorProto::default() };
+        let message = DescriptorProto { name: Some(M::NAME.into()), field, ..DescriptorProto::default() };
         self.messages.insert(M::NAME.into(), message);
     }
 

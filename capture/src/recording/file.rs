@@ -122,8 +122,7 @@ impl RecordingFile {
     /// # Errors
     /// [`RecordingError::File`] and [`RecordingError::NoMcap`].
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let failed =
-            |doing| move |cause| RecordingError::File { doing, path: path.to_owned(), cause };
+        let failed = |doing| move |cause| RecordingError::File { doing, path: path.to_owned(), cause };
         let file = File::open(path).map_err(failed("open"))?;
         // SAFETY: the map is only read. A file that someone changes while it is mapped would change
         // under this process, or end it where it shrinks; recordings are written once.
@@ -176,7 +175,10 @@ impl RecordingFile {
             };
             match opcode {
                 op::CHUNK => {
-                    waiting.push(chunk::Packed::whole(&self.map, at, &body).map_err(|why| self.damaged("chunk", at, why))?);
+                    waiting.push(
+                        chunk::Packed::whole(&self.map, at, &body)
+                            .map_err(|why| self.damaged("chunk", at, why))?,
+                    );
                     if waiting.len() == CHUNKS_AHEAD {
                         self.visit_chunks(&mut waiting, &mut channels, visit)?;
                     }
@@ -212,8 +214,7 @@ impl RecordingFile {
         visit: &mut dyn FnMut(Item<'_>) -> Result<(), RecordingError>,
     ) -> Result<(), RecordingError> {
         use rayon::prelude::*;
-        let unpacked =
-            waiting.par_iter().map(|packed| packed.unpack(&self.map)).collect::<Vec<_>>();
+        let unpacked = waiting.par_iter().map(|packed| packed.unpack(&self.map)).collect::<Vec<_>>();
         for (packed, bytes) in waiting.drain(..).zip(unpacked) {
             let bytes = bytes.map_err(|why| self.damaged("chunk", packed.at(), why))?;
             let mut at = 0;
@@ -253,7 +254,10 @@ impl RecordingFile {
             Record::Channel(record) => channels.add(record).map_err(|why| self.damaged(what, at, why))?,
             Record::Message { header, data } => {
                 let (channel, count) = channels.known.get_mut(&header.channel_id).ok_or_else(|| {
-                    let why = format!("it belongs to channel {}, of which the file says nothing", header.channel_id);
+                    let why = format!(
+                        "it belongs to channel {}, of which the file says nothing",
+                        header.channel_id
+                    );
                     self.damaged(what, at, why)
                 })?;
                 // The message is the rest of the record, behind the header.
@@ -357,10 +361,9 @@ impl Channels {
         };
         // Channels are repeated, in each chunk and in the summary: the same each time.
         match self.known.get(&record.id) {
-            Some((known, _)) if known.topic != channel.topic => Err(format!(
-                "channel {} is {} here and was {} before",
-                record.id, channel.topic, known.topic
-            )),
+            Some((known, _)) if known.topic != channel.topic => {
+                Err(format!("channel {} is {} here and was {} before", record.id, channel.topic, known.topic))
+            }
             Some(_) => Ok(()),
             None => {
                 self.known.insert(record.id, (Arc::new(channel), 0));

@@ -29,6 +29,8 @@ pub struct Footage {
     pub cameras: Vec<FilmedCamera>,
     /// What `/truth/ball` says, where there is one, in the order of time.
     pub truth: Vec<RecordedTruth>,
+    /// The metadata record `netcord`; empty in recordings of others.
+    pub metadata: BTreeMap<String, String>,
     /// How the file ends.
     pub ending: Ending,
 }
@@ -67,6 +69,9 @@ pub struct FilmedFrame {
     pub header: Option<FrameHeader>,
 }
 
+/// The name of the metadata record that our own recordings have.
+pub const METADATA: &str = "netcord";
+
 /// The topic of a camera's `kind` of messages.
 pub fn camera_topic(camera: &CameraName, kind: &str) -> String {
     format!("/camera/{camera}/{kind}")
@@ -80,12 +85,18 @@ impl Footage {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = RecordingFile::open(path)?;
         let mut gathering = Gathering::new(path);
+        let mut metadata = BTreeMap::new();
         let ending = file.visit(&mut |item| match item {
             Item::Message(message) => gathering.message(&message),
-            Item::Metadata { .. } => Ok(()),
+            Item::Metadata { name, entries } => {
+                if name == METADATA {
+                    metadata.clone_from(entries);
+                }
+                Ok(())
+            }
         })?;
         let (cameras, truth) = gathering.finish()?;
-        Ok(Self { file, cameras, truth, ending })
+        Ok(Self { file, cameras, truth, metadata, ending })
     }
 
     /// The file.
@@ -192,7 +203,9 @@ impl<'a> Gathering<'a> {
         let needs = |schemas: &[&str], encoding: &str| {
             let (schema, written) = (channel.schema_name.as_str(), channel.message_encoding.as_str());
             if written != encoding {
-                return Err(self.channel(channel, format!("its messages are {written:?}; {encoding} is needed")));
+                return Err(
+                    self.channel(channel, format!("its messages are {written:?}; {encoding} is needed"))
+                );
             }
             if !schema.is_empty() && !schemas.contains(&schema) {
                 let valid = schemas.join(" or ");
@@ -201,10 +214,13 @@ impl<'a> Gathering<'a> {
             Ok(())
         };
         match channel.topic.as_str() {
-            "/tf" => needs(&["foxglove.FrameTransform", "foxglove.FrameTransforms"], "protobuf").map(|()| Topic::Transforms),
+            "/tf" => needs(&["foxglove.FrameTransform", "foxglove.FrameTransforms"], "protobuf")
+                .map(|()| Topic::Transforms),
             "/truth/ball" if channel.message_encoding == "json" => Ok(Topic::Truth),
             topic => {
-                let Some((name, kind)) = topic.strip_prefix("/camera/").and_then(|rest| rest.rsplit_once('/')) else {
+                let Some((name, kind)) =
+                    topic.strip_prefix("/camera/").and_then(|rest| rest.rsplit_once('/'))
+                else {
                     return Ok(Topic::Other);
                 };
                 let name = || CameraName::new(name).map_err(|e| self.channel(channel, e.to_string()));
@@ -292,7 +308,8 @@ impl<'a> Gathering<'a> {
         if self.cameras.is_empty() {
             return Err(RecordingError::Content {
                 path: self.path.to_owned(),
-                why: "it has no images; messages of foxglove.RawImage on /camera/<name>/image are needed".into(),
+                why: "it has no images; messages of foxglove.RawImage on /camera/<name>/image are needed"
+                    .into(),
             });
         }
         for camera in &mut self.cameras {
@@ -321,7 +338,9 @@ impl<'a> Gathering<'a> {
 }
 
 fn check_size(path: &Path, camera: &FilmedCamera) -> Result<(), RecordingError> {
-    let (Some(calibration), Some(frame)) = (&camera.calibration, camera.frames.first()) else { return Ok(()) };
+    let (Some(calibration), Some(frame)) = (&camera.calibration, camera.frames.first()) else {
+        return Ok(());
+    };
     let model = &calibration.model;
     if (model.width, model.height) == (frame.width, frame.height) {
         return Ok(());

@@ -67,7 +67,8 @@ impl<I: Iterator<Item = Place>> FrameReader<I> {
             }
         }
         for place in places {
-            let pixels = |unpacked, range| FramePixels { footage: Arc::clone(&self.footage), unpacked, range };
+            let pixels =
+                |unpacked, range| FramePixels { footage: Arc::clone(&self.footage), unpacked, range };
             let result = match place {
                 Place::File(range) => Ok(pixels(None, range)),
                 Place::Chunk { chunk, range } => match self.chunks.get(&chunk) {

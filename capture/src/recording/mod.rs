@@ -28,7 +28,7 @@ pub use calibration::{
 pub use error::RecordingError;
 pub use fields::{Names, Recorded, Visitor, decode, describe, encode};
 pub use file::{Channel, Ending, Item, MessageRef, Place, RecordingFile};
-pub use footage::{FilmedCamera, FilmedFrame, Footage, camera_topic};
+pub use footage::{FilmedCamera, FilmedFrame, Footage, METADATA, camera_topic};
 pub use frames::{FramePixels, FrameReader};
 pub use protobuf::ProtobufError;
 pub use raw_image::RawImage;

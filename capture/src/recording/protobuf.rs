@@ -24,10 +24,7 @@ pub(super) enum Value<'a> {
     /// fixed32, float.
     Fixed32(u32),
     /// string, bytes, messages, packed lists; with their place in the message.
-    Bytes {
-        bytes: &'a [u8],
-        at: usize,
-    },
+    Bytes { bytes: &'a [u8], at: usize },
 }
 
 impl<'a> Value<'a> {
@@ -176,7 +173,10 @@ pub(super) fn timestamp_ns(bytes: &[u8]) -> Result<Option<u64>, ProtobufError> {
         }
     }
     // A negative number is a varint of 64 bits, and fails here.
-    Ok(seconds.checked_mul(1_000_000_000).filter(|_| nanos < 1_000_000_000).and_then(|s| s.checked_add(nanos)))
+    Ok(seconds
+        .checked_mul(1_000_000_000)
+        .filter(|_| nanos < 1_000_000_000)
+        .and_then(|s| s.checked_add(nanos)))
 }
 
 #[cfg(test)]

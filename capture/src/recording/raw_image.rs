@@ -2,7 +2,9 @@ use std::ops::Range;
 
 use netcord_common::{FrameView, PixelFormat};
 
-use super::protobuf::{Fields, Value, put_bytes, put_fixed32, put_tag, put_timestamp, put_varint, timestamp_ns};
+use super::protobuf::{
+    Fields, Value, put_bytes, put_fixed32, put_tag, put_timestamp, put_varint, timestamp_ns,
+};
 
 /// A `foxglove.RawImage`, its pixels left where they are.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -95,8 +95,11 @@ impl<P: AsRef<[u8]>> RecordingWriter<P> {
     /// # Errors
     /// [`RecordingError::File`].
     pub fn create(path: &Path, options: WriterOptions) -> Result<Self, RecordingError> {
-        let file = File::create(path)
-            .map_err(|cause| RecordingError::File { doing: "create", path: path.to_owned(), cause })?;
+        let file = File::create(path).map_err(|cause| RecordingError::File {
+            doing: "create",
+            path: path.to_owned(),
+            cause,
+        })?;
         let mut writer = Self {
             path: path.to_owned(),
             file,
@@ -413,4 +416,3 @@ fn write_channel(out: &mut Vec<u8>, place: usize, channel: &ChannelState) {
 fn id(place: usize) -> u16 {
     u16::try_from(place).expect("far fewer than 65535 channels and schemas")
 }
-

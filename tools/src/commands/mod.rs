@@ -5,6 +5,7 @@ pub mod demo;
 pub mod latency;
 pub mod listen;
 pub mod predict;
+pub mod process;
 pub mod rig;
 pub mod segment;
 pub mod triangulate;

@@ -77,8 +77,10 @@ impl Scene {
         let (x, y) = (0.5 * (WIDTH - EDGE_LINE), 0.5 * (LENGTH - EDGE_LINE));
         let edge = [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)].map(|(x, y)| point([x, y, 0.0]));
         let centre = [(0.0, -y), (0.0, y)].map(|(x, y)| point([x, y, 0.0]));
-        entity.lines =
-            vec![line(edge.to_vec(), EDGE_LINE, colours::LINES), line(centre.to_vec(), CENTRE_LINE, colours::LINES)];
+        entity.lines = vec![
+            line(edge.to_vec(), EDGE_LINE, colours::LINES),
+            line(centre.to_vec(), CENTRE_LINE, colours::LINES),
+        ];
         Some(update(entity))
     }
 

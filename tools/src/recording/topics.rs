@@ -1,4 +1,6 @@
-use foxglove::messages::{CameraCalibration, FrameTransform, ImageAnnotations, RawImage as RawImageMessage, SceneUpdate};
+use foxglove::messages::{
+    CameraCalibration, FrameTransform, ImageAnnotations, RawImage as RawImageMessage, SceneUpdate,
+};
 use netcord_capture::recording::{
     ChannelId, RawImage, RecordedTruth, RecordingError, RecordingWriter, calibration_message, camera_topic,
     encode, transform_message,
@@ -57,20 +59,21 @@ impl RigTopics {
             .iter()
             .map(|camera| {
                 let topic = |kind| camera_topic(&camera.name, kind);
-                let mut image = |writer: &mut RecordingWriter<P>| {
+                let image = |writer: &mut RecordingWriter<P>| {
                     writer.channel(&topic("image"), &foxglove_schema::<RawImageMessage>())
                 };
                 let image = wanted.images.then(|| image(writer));
-                let header = wanted
-                    .images
-                    .then(|| writer.channel(&topic("header"), &netcord_schema::<FrameHeader>()));
+                let header =
+                    wanted.images.then(|| writer.channel(&topic("header"), &netcord_schema::<FrameHeader>()));
                 CameraTopics {
                     name: camera.name.to_string(),
                     image,
                     header,
-                    calibration: writer.channel(&topic("calibration"), &foxglove_schema::<CameraCalibration>()),
+                    calibration: writer
+                        .channel(&topic("calibration"), &foxglove_schema::<CameraCalibration>()),
                     detections: writer.channel(&topic("detections"), &netcord_schema::<Detections>()),
-                    annotations: writer.channel(&topic("annotations"), &foxglove_schema::<ImageAnnotations>()),
+                    annotations: writer
+                        .channel(&topic("annotations"), &foxglove_schema::<ImageAnnotations>()),
                 }
             })
             .collect();
