@@ -56,6 +56,8 @@ enum Command {
     Listen(commands::listen::Args),
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
+    /// Compare the triangulation methods, or triangulate given points with each.
+    Compare(commands::compare::Args),
     /// Calibrate cameras, rig and table, from printed boards.
     Calib(commands::calib::Args),
 }
@@ -80,6 +82,7 @@ impl Cli {
             Command::Latency(args) => commands::latency::run(&args),
             Command::Listen(args) => commands::listen::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
+            Command::Compare(args) => commands::compare::run(&args),
             Command::Calib(args) => commands::calib::run(&args),
         }
     }

@@ -17,6 +17,7 @@
 #[cfg(test)]
 mod association_tests;
 mod camera;
+pub mod comparison;
 mod consensus;
 mod estimate;
 pub mod live;
