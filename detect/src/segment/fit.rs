@@ -1,15 +1,14 @@
 //! Fits a swept disc with smooth shading in front of the known background to the pixels of a patch.
 //!
 //! Minimised is the robust (Cauchy) sum of squares of `seen − [(1 − α) background + α (ball)]` over all
-//! pixels, α being the share of pixel and exposure that the swept disc covers, and the ball's level a
-//! quadratic function of the place on the ball, one for each colour. It is the edge of the occlusion that
+//! pixels, α being the share of pixel and exposure that the swept disc covers, and the ball's level what a
+//! matt sphere shows that is lit from all around and from three directions above, by colour. It is the edge of the occlusion that
 //! tells the outline, and not the bright part of the ball: where the ball's underside is as dark as the floor
 //! behind it, the rest of the outline decides.
 //!
-//! The quadratics enter linearly and are eliminated in every step (variable projection after Golub &
-//! Pereyra 1973, in Kaufman's form: the derivatives of the shading by the outline are left out; a shift of a
-//! quadratic is a quadratic, so that this changes the steps and not the minimum). Steps are damped after
-//! Levenberg and Marquardt.
+//! The shading enters linearly and is eliminated in every step (variable projection after Golub & Pereyra
+//! 1973, in Kaufman's form: the derivatives of the shading by the outline are left out). Steps are damped
+//! after Levenberg and Marquardt.
 
 use super::{
     lanes::{LANES, Lanes},
@@ -72,7 +71,7 @@ fn accumulate_body(
     scale: f32,
     sums: &mut Sums,
 ) {
-    let coverer = Coverer::new(sweep);
+    let coverer = Coverer::new(sweep, &patch.lights);
     let softness = Lanes::all(1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
     let one = Lanes::all(1.0);
     let saturated = Lanes::all(SATURATED);

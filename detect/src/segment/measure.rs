@@ -128,6 +128,7 @@ impl Scene<'_> {
     /// can be fitted.
     pub fn measure(&self, patch: &mut Patch, start: &Start, prior: &Prior) -> Option<Measured> {
         let mut sweep = start.sweep;
+        patch.lights = start.lights;
         self.gather(patch, &start.rectifier, &sweep);
         let mut found = fit_either(patch, &sweep, prior)?;
         // Pixels around the outline decide: where it moved to the patch's edge, look again.
@@ -156,7 +157,7 @@ impl Scene<'_> {
     }
 
     fn judge(&self, patch: &Patch, start: &Start, found: Fit) -> Measured {
-        let coverer = Coverer::new(&found.sweep);
+        let coverer = Coverer::new(&found.sweep, &patch.lights);
         let peak = (2.0 * found.sweep.radius / found.sweep.length.max(1e-3)).min(1.0);
         let mut out = Measured {
             rectifier: start.rectifier,
@@ -175,9 +176,7 @@ impl Scene<'_> {
         let (mut inside, mut hidden, mut outside, mut clutter) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
         for (channel, samples) in patch.channels.iter().enumerate() {
             let terms = found.shading[channel];
-            // Means over a disc in units of its radius: x² and w² have 1/4, the odd ones 0.
-            out.levels[channel] = terms[0] + 0.25 * (terms[3] + terms[5]);
-            let (mut behind, mut behind_weight) = (0.0, 0.0);
+            let (mut behind, mut behind_weight, mut level) = (0.0, 0.0, 0.0);
             let (mut around, mut around_count) = (0.0, 0.0_f32);
             for at in (0..samples.len()).step_by(LANES) {
                 let coverage = coverer.at(Lanes::load(&samples.x, at), Lanes::load(&samples.y, at));
@@ -204,6 +203,7 @@ impl Scene<'_> {
                     left += residual * residual - 1.0 / (inverse_sigma * inverse_sigma);
                     changed += difference * difference;
                     signal += ((model - background) * inverse_sigma).powi(2);
+                    level += alpha * ball;
                     behind += alpha * background;
                     behind_weight += alpha;
                     if alpha > 0.5 * peak {
@@ -213,6 +213,7 @@ impl Scene<'_> {
                     }
                 }
             }
+            out.levels[channel] = level / f32::max(behind_weight, 1e-3);
             out.behind[channel] = behind / f32::max(behind_weight, 1e-3);
             out.around[channel] = around / around_count.max(1.0);
         }

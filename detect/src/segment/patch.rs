@@ -1,4 +1,7 @@
-use super::{lanes::LANES, sweep::Sweep};
+use super::{
+    lanes::LANES,
+    sweep::{Lights, Sweep},
+};
 
 /// Colours of a patch: red, green, blue; grey frames have only the first.
 pub const CHANNELS: usize = 3;
@@ -99,6 +102,8 @@ pub struct Patch {
     pub decimation: usize,
     /// Samples without padding.
     pub count: usize,
+    /// Where light comes from.
+    pub lights: Lights,
 }
 
 /// One pixel as the patch takes it.
@@ -121,7 +126,12 @@ impl Patch {
     pub fn new() -> Self {
         // A row of cells more than MAX_SAMPLES may come before decimation is seen to be needed, and padding.
         let room = MAX_SAMPLES + 4 * LANES;
-        Self { channels: std::array::from_fn(|_| Samples::with_capacity(room)), decimation: 1, count: 0 }
+        Self {
+            channels: std::array::from_fn(|_| Samples::with_capacity(room)),
+            decimation: 1,
+            count: 0,
+            lights: Lights::default(),
+        }
     }
 
     /// Forgets all samples.

@@ -1,8 +1,11 @@
+use nalgebra::Vector3;
 use netcord_common::{
     FrameView, PixelFormat,
     camera::CameraModel,
     rig::Rig,
-    wire::{Detection, DetectionFlags, Detections, FrameHeader, MAX_DETECTIONS, Scope, SearchWindow},
+    wire::{
+        Detection, DetectionFlags, Detections, FrameHeader, MAX_DETECTIONS, Scope, SearchWindow, WorldFrame,
+    },
 };
 
 use super::{
@@ -56,6 +59,8 @@ pub struct Segmenter {
     name: String,
     index: u32,
     camera: CameraModel,
+    /// The vertical, in the camera's frame.
+    up: Vector3<f64>,
     format: PixelFormat,
     options: SegmentOptions,
     kernel: Kernel,
@@ -96,12 +101,18 @@ impl Segmenter {
         let kernel = Kernel::detect();
         let background = Background::new(kernel, size, rig.rate_hz);
         let words = background.words_per_row() * size.1.div_ceil(2);
+        let up = match rig.world {
+            WorldFrame::Table => Vector3::z(),
+            // A camera is seldom on its head.
+            WorldFrame::FirstCamera => -Vector3::y(),
+        };
         let told = options.colour.unwrap_or(rig.ball.colour);
         let format = if demosaic.is_some() { PixelFormat::BayerRG8 } else { camera.pixel_format };
         Ok(Self {
             name: camera.name.to_string(),
             index: camera.index.code(),
             camera: camera.model,
+            up: camera.camera_from_world.rotation * up,
             format: camera.pixel_format,
             options,
             kernel,
@@ -336,11 +347,7 @@ impl Segmenter {
     }
 
     fn start_of(&self, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
-        let (rectifier, angle) = match sphere::rectifier(&self.camera, centre) {
-            Some((rectifier, angle)) => (rectifier, Some(angle)),
-            None => (Rectifier::plain(centre), None),
-        };
-        start(blob, self.grid.scale, rectifier, angle)
+        start(blob, self.grid.scale, &sphere::place(&self.camera, centre, &self.up))
     }
 
     fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {

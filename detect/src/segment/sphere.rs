@@ -6,7 +6,7 @@ use netcord_common::{
     geometry::{Camera, Point},
 };
 
-use super::patch::Rectifier;
+use super::{patch::Rectifier, sweep::Lights};
 
 /// Step of the numeric derivative across the line of sight, rad: well above rounding, well below the
 /// angle over which the lens bends.
@@ -31,9 +31,42 @@ fn image(camera: &CameraModel, direction: &Vector3<f64>) -> Option<Vector2<f64>>
     camera.project(&Point::<Camera>::from(*direction))
 }
 
-/// The local map at `pixel` in which the outline of a small sphere is a circle, and the angle that one of
-/// its pixels subtends there, rad. None where the lens model does not reach.
-pub fn rectifier(camera: &CameraModel, pixel: [f64; 2]) -> Option<(Rectifier, f64)> {
+/// What the measuring of a candidate needs to know of its place in the frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// The local map in which the outline of a small sphere is a circle.
+    pub rectifier: Rectifier,
+    /// The angle that one pixel subtends there, rad; none where the lens model does not reach.
+    pub angle_per_px: Option<f64>,
+    /// Where light comes from.
+    pub lights: Lights,
+}
+
+/// How far the three lights lean from the vertical: lamps hang over the whole hall.
+const LEAN: f64 = 0.7;
+
+/// Of `pixel`, where `up` is the vertical in the camera's frame.
+pub fn place(camera: &CameraModel, pixel: [f64; 2], up: &Vector3<f64>) -> Place {
+    local_map(camera, pixel, up).unwrap_or(Place {
+        rectifier: Rectifier::plain(pixel),
+        angle_per_px: None,
+        lights: lights(up, [&Vector3::x(), &Vector3::y(), &-Vector3::z()]),
+    })
+}
+
+/// Three lights that lean from the vertical to three sides, on the given axes.
+fn lights(up: &Vector3<f64>, axes: [&Vector3<f64>; 3]) -> Lights {
+    let across = up.cross(axes[2]).try_normalize(1e-6).unwrap_or_else(|| *axes[0]);
+    let forward = across.cross(up);
+    std::array::from_fn(|i| {
+        // The first leans towards the camera: its side is what is seen.
+        let (sin, cos) = (std::f64::consts::TAU * i as f64 / 3.0).sin_cos();
+        let light = (up + LEAN * (forward * cos + across * sin)).normalize();
+        axes.map(|axis| light.dot(axis) as f32)
+    })
+}
+
+fn local_map(camera: &CameraModel, pixel: [f64; 2], up: &Vector3<f64>) -> Option<Place> {
     let sight = sight(camera, pixel)?;
     let column = |across: &Vector3<f64>| -> Option<Vector2<f64>> {
         let step = across * STEP_RAD;
@@ -49,7 +82,11 @@ pub fn rectifier(camera: &CameraModel, pixel: [f64; 2]) -> Option<(Rectifier, f6
     let scale = determinant.sqrt();
     // scale × J⁻¹, J having the columns a and b.
     let forward = [[b.y / scale, -b.x / scale], [-a.y / scale, a.x / scale]];
-    Some((Rectifier { anchor: pixel, forward }, 1.0 / scale))
+    Some(Place {
+        rectifier: Rectifier { anchor: pixel, forward },
+        angle_per_px: Some(1.0 / scale),
+        lights: lights(up, [&sight.across[0], &sight.across[1], &-sight.along]),
+    })
 }
 
 /// What must be added to the centre of a sphere's outline, at `pixel`, to give the image of the sphere's
@@ -125,7 +162,8 @@ mod tests {
             if x != 0.0 {
                 assert!((outline - truth).norm() > 0.1, "there is something to correct");
             }
-            let (map, per_px) = rectifier(&camera, [truth.x, truth.y]).expect("in view");
+            let place = place(&camera, [truth.x, truth.y], &-Vector3::y());
+            let (map, per_px) = (place.rectifier, place.angle_per_px.expect("in view"));
             let area = std::f64::consts::PI * (angle / per_px).powi(2);
             let found = n * (2.0 * reach / f64::from(steps)).powi(2);
             assert!((area / found - 1.0).abs() < 0.02, "{area} {found}");

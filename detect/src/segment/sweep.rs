@@ -38,8 +38,9 @@ pub struct Coverage {
     pub alpha: Lanes,
     /// ∂alpha by: centre along the path, centre across it, radius, length, angle.
     pub slopes: [Lanes; 5],
-    /// The mean over the covered time of the place on the ball, in units of the radius: 1, x, w, x², x w, w²
-    /// with x along the path and w across it.
+    /// What the ball's shading is made of, as means over the time of cover: 1; the place on the ball along
+    /// and across the path, in units of the radius; and the share of light that the surface there catches
+    /// from each of three directions.
     pub place: [Lanes; 6],
 }
 
@@ -57,14 +58,20 @@ pub struct Coverer {
     /// (L + 1) / 2 and (L − 1) / 2.
     ramps: [Lanes; 2],
     inverse_length: Lanes,
+    /// The lights' directions along the path, across it, and towards the camera.
+    lights: [[Lanes; 3]; 3],
 }
+
+/// Unit vectors towards three lights: x and y of the patch, and towards the camera. A surface lit from any
+/// direction between them is lit as by a mixture of the three.
+pub type Lights = [[f32; 3]; 3];
 
 /// Gauss–Legendre nodes and weights over the width of a pixel.
 const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
 
 impl Coverer {
     #[inline(always)]
-    pub fn new(sweep: &Sweep) -> Self {
+    pub fn new(sweep: &Sweep, lights: &Lights) -> Self {
         let length = sweep.length.max(MIN_LENGTH_PX);
         let (sin, cos) = sweep.angle.sin_cos();
         Self {
@@ -77,6 +84,7 @@ impl Coverer {
             half_length: Lanes::all(0.5 * length),
             ramps: [Lanes::all(0.5 * (length + 1.0)), Lanes::all(0.5 * (length - 1.0))],
             inverse_length: Lanes::all(1.0 / length),
+            lights: lights.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(Lanes::all)),
         }
     }
 
@@ -147,11 +155,22 @@ impl Coverer {
         let middle = (Lanes::all(0.5) * (low + high)).max(zero - chord).min(chord) * self.inverse_radius;
         let extent = (high - low).positive() * self.inverse_radius;
         let across = (w * self.inverse_radius).max(Lanes::all(-1.0)).min(Lanes::all(1.0));
-        let square = middle * middle + extent * extent * Lanes::all(1.0 / 12.0);
+        // Two Gauss nodes over that part.
+        let spread = extent * Lanes::all(0.288_675_13);
+        let rest = Lanes::all(1.0) - across * across;
+        let mut caught = [zero; 3];
+        for along in [middle - spread, middle + spread] {
+            let towards = (rest - along * along).positive().sqrt();
+            for (caught, [x, w, z]) in caught.iter_mut().zip(&self.lights) {
+                let cosine = along * *x + across * *w + towards * *z;
+                *caught = *caught + Lanes::all(0.5) * cosine.positive();
+            }
+        }
+        let [a, b, c] = caught;
         Coverage {
             alpha,
             slopes: [zero - by_s, zero - by_w, by_r, by_l, by_s * w - by_w * s],
-            place: [Lanes::all(1.0), middle, across, square, middle * across, across * across],
+            place: [Lanes::all(1.0), middle, across, a, b, c],
         }
     }
 }
@@ -161,7 +180,7 @@ mod tests {
     use super::*;
 
     fn alpha(sweep: &Sweep, x: f32, y: f32) -> f32 {
-        Coverer::new(sweep).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
+        Coverer::new(sweep, &Lights::default()).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
     }
 
     /// Counts sub-pixels and instants.
@@ -225,7 +244,7 @@ mod tests {
                 for x in -16..=16 {
                     let (x, y) = (x as f32, y as f32);
                     let weight = 1.0 + 0.1 * x - 0.07 * y + 0.01 * x * y;
-                    let at = Coverer::new(&sweep).at(Lanes::all(x), Lanes::all(y));
+                    let at = Coverer::new(&sweep, &Lights::default()).at(Lanes::all(x), Lanes::all(y));
 
                     analytic += weight * at.slopes[i].0[0];
                     numeric +=

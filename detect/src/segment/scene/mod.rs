@@ -118,7 +118,7 @@ pub struct Flight {
 }
 
 pub const RADIUS_M: f64 = 0.02;
-const SUB: usize = 8;
+const SUB: usize = 6;
 
 impl Stage {
     /// The example rig's first camera, or a part of it `size` large around the middle.
@@ -243,8 +243,9 @@ impl Stage {
         let low = ends[0].inf(&ends[1]).map(|v| (v - reach).floor().max(0.0) as usize);
         let x_end = ((ends[0].x.max(ends[1].x) + reach).ceil().max(0.0) as usize).min(width);
         let y_end = ((ends[0].y.max(ends[1].y) + reach).ceil().max(0.0) as usize).min(height);
-        // Up in the world is up in this image: −y.
-        let up = Vector3::new(0.0, -0.8, -0.6_f64).normalize();
+        // The lamp hangs not quite over the table.
+        let up =
+            self.rig.cameras[0].camera_from_world.rotation * Vector3::new(0.25, -0.3, 1.0_f64).normalize();
         for y in low.y..y_end {
             for x in low.x..x_end {
                 let (mut covered, mut sum) = (0.0_f32, [0.0_f32; 3]);
@@ -255,7 +256,7 @@ impl Stage {
                     // Instants spread differently in every sub-pixel: together they are dense.
                     let n = times.div_ceil(4);
                     for t in 0..n {
-                        let phase = ((i * 37 % 64) as f64 + 0.5) / 64.0;
+                        let phase = ((i * 13 % 36) as f64 + 0.5) / 36.0;
                         let t = (t as f64 + phase) / n as f64 - 0.5;
                         let centre = flight.centre + flight.path * t;
                         let along = ray.dot(&centre);
