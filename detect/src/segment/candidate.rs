@@ -1,8 +1,7 @@
 use super::{
     blobs::Blob,
-    patch::Rectifier,
     sphere::Place,
-    sweep::{Lights, MIN_LENGTH_PX, Sweep},
+    sweep::{MIN_LENGTH_PX, Sweep},
 };
 
 /// Smallest and largest diameter that is looked for, px.
@@ -16,12 +15,8 @@ const LEAST_CELLS: u32 = 3;
 /// A blob seen as a swept disc.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
-    /// The map in which it is a circle.
-    pub rectifier: Rectifier,
-    /// Angle of a rectified pixel, rad; none where the lens model does not reach.
-    pub angle_per_px: Option<f64>,
-    /// Where light comes from, in the patch's axes.
-    pub lights: Lights,
+    /// Where it is.
+    pub place: Place,
     /// First guess.
     pub sweep: Sweep,
     /// How well the blob's area and moments agree with a swept disc, 0–1.
@@ -45,7 +40,7 @@ pub fn centre_px(blob: &Blob) -> [f64; 2] {
 
 /// The swept disc with the blob's moments; `scale` is the grid's; none where no ball has such.
 pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
-    let Place { rectifier, angle_per_px, lights } = *place;
+    let rectifier = place.rectifier;
     // Pixels of the frame to a cell's side.
     let cell_px = 2.0 / scale as f64;
     let [[a, b], [c, d]] = rectifier.forward;
@@ -75,5 +70,5 @@ pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
     let grown = Sweep { radius: sweep.radius + 0.5, ..sweep };
     let ratio = marked / grown.area();
     let likeness = (-((ratio.ln() / 0.5).powi(2))).exp();
-    Some(Start { rectifier, angle_per_px, lights, sweep, likeness })
+    Some(Start { place: *place, sweep, likeness })
 }

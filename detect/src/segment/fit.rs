@@ -2,7 +2,8 @@
 //!
 //! Minimised is the robust (Cauchy) sum of squares of `seen − [(1 − α) background + α (ball)]` over all
 //! pixels, α being the share of pixel and exposure that the swept disc covers, and the ball's level what a
-//! matt sphere shows that is lit from all around and from three directions above, by colour. It is the edge of the occlusion that
+//! matt sphere shows that is lit from all around and by one main light, by colour. The direction of the light
+//! is refined by the fit, to first order. It is the edge of the occlusion that
 //! tells the outline, and not the bright part of the ball: where the ball's underside is as dark as the floor
 //! behind it, the rest of the outline decides.
 //!
@@ -71,7 +72,7 @@ fn accumulate_body(
     scale: f32,
     sums: &mut Sums,
 ) {
-    let coverer = Coverer::new(sweep, &patch.lights);
+    let coverer = Coverer::new(sweep, &patch.light);
     let softness = Lanes::all(1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
     let one = Lanes::all(1.0);
     let saturated = Lanes::all(SATURATED);
@@ -170,6 +171,20 @@ unsafe fn accumulate_avx2(
     sums: &mut Sums,
 ) {
     accumulate_body(patch, sweep, shading, scale, sums);
+}
+
+impl Fit {
+    /// By how much the main light should be turned towards its two side directions, rad.
+    pub fn light_turn(&self) -> [f32; 2] {
+        let (mut strength, mut turn) = (1e-6, [0.0; 2]);
+        for terms in &self.shading {
+            let light = terms[3].max(0.0);
+            strength += light * light;
+            turn[0] += light * terms[4];
+            turn[1] += light * terms[5];
+        }
+        turn.map(|t| (t / strength).clamp(-0.6, 0.6))
+    }
 }
 
 impl Sums {

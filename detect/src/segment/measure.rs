@@ -1,5 +1,6 @@
 //! Measures one candidate: gathers its pixels, fits the swept disc, and says how much it looks like a ball.
 
+use nalgebra::Vector3;
 use netcord_common::{Channel, FrameView, PixelFormat};
 
 use super::{
@@ -10,6 +11,7 @@ use super::{
     lanes::{LANES, Lanes},
     noise::Noise,
     patch::{CHANNELS, MAX_SAMPLES, Patch, Rectifier, Sample, margin, near},
+    sphere::Place,
     sweep::{Coverer, Sweep},
 };
 
@@ -36,10 +38,10 @@ pub struct Scene<'a> {
 /// A measured candidate.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured {
-    /// The map in which the outline was fitted.
-    pub rectifier: Rectifier,
-    /// Angle of a rectified pixel, rad.
-    pub angle_per_px: Option<f64>,
+    /// Where it is, and the map in which the outline was fitted.
+    pub place: Place,
+    /// The direction of the main light, in the camera's frame.
+    pub light: Vector3<f64>,
     /// The outline.
     pub fit: Fit,
     /// Mean level of the ball by colour (red, green, blue), DN.
@@ -62,6 +64,11 @@ pub struct Measured {
 
 /// Part of the contrast by which even a right model is off: texture of the ball, blur of the lens.
 const MODEL_ERROR: f32 = 0.03;
+
+/// Turns of the light smaller than this change nothing that matters, rad.
+const LEAST_TURN: f32 = 0.06;
+/// Most turns of the light for one candidate.
+const MAX_TURNS: usize = 3;
 
 impl Scene<'_> {
     /// Takes the pixels on and around a sweep into the patch.
@@ -126,10 +133,17 @@ impl Scene<'_> {
 
     /// Measures a candidate; `prior` is what the search window says of its size. None where nothing round
     /// can be fitted.
-    pub fn measure(&self, patch: &mut Patch, start: &Start, prior: &Prior) -> Option<Measured> {
+    pub fn measure(
+        &self,
+        patch: &mut Patch,
+        start: &Start,
+        prior: &Prior,
+        light: &Vector3<f64>,
+    ) -> Option<Measured> {
         let mut sweep = start.sweep;
-        patch.lights = start.lights;
-        self.gather(patch, &start.rectifier, &sweep);
+        let mut light = *light;
+        patch.light = start.place.light(&light);
+        self.gather(patch, &start.place.rectifier, &sweep);
         let mut found = fit_either(patch, &sweep, prior)?;
         // Pixels around the outline decide: where it moved to the patch's edge, look again.
         let reach = margin(sweep.radius);
@@ -147,21 +161,36 @@ impl Scene<'_> {
             if !in_bounds(&sweep) {
                 return None;
             }
-            self.gather(patch, &start.rectifier, &sweep);
+            self.gather(patch, &start.place.rectifier, &sweep);
             found = fit_either(patch, &sweep, prior)?;
         }
+        // The light's direction to first order, then anew from there.
+        for _ in 0..MAX_TURNS {
+            let turn = found.light_turn();
+            if turn[0].hypot(turn[1]) < LEAST_TURN || found.shading.iter().all(|s| s[3] < 10.0) {
+                break;
+            }
+            let turned = start.place.turned(&light, turn);
+            patch.light = start.place.light(&turned);
+            let Some(better) = fit(patch, found.sweep, found.moving, prior, &contrasts(patch)) else { break };
+            if better.chi2 > found.chi2 {
+                break;
+            }
+            (found, light) = (better, turned);
+        }
+        patch.light = start.place.light(&light);
         if !in_bounds(&found.sweep) {
             return None;
         }
-        Some(self.judge(patch, start, found))
+        Some(self.judge(patch, start, found, &light))
     }
 
-    fn judge(&self, patch: &Patch, start: &Start, found: Fit) -> Measured {
-        let coverer = Coverer::new(&found.sweep, &patch.lights);
+    fn judge(&self, patch: &Patch, start: &Start, found: Fit, light: &Vector3<f64>) -> Measured {
+        let coverer = Coverer::new(&found.sweep, &patch.light);
         let peak = (2.0 * found.sweep.radius / found.sweep.length.max(1e-3)).min(1.0);
         let mut out = Measured {
-            rectifier: start.rectifier,
-            angle_per_px: start.angle_per_px,
+            place: start.place,
+            light: *light,
             fit: found,
             levels: [0.0; CHANNELS],
             behind: [0.0; CHANNELS],

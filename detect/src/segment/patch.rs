@@ -1,6 +1,6 @@
 use super::{
     lanes::LANES,
-    sweep::{Lights, Sweep},
+    sweep::{Light, Sweep},
 };
 
 /// Colours of a patch: red, green, blue; grey frames have only the first.
@@ -103,7 +103,7 @@ pub struct Patch {
     /// Samples without padding.
     pub count: usize,
     /// Where light comes from.
-    pub lights: Lights,
+    pub light: Light,
 }
 
 /// One pixel as the patch takes it.
@@ -130,7 +130,7 @@ impl Patch {
             channels: std::array::from_fn(|_| Samples::with_capacity(room)),
             decimation: 1,
             count: 0,
-            lights: Lights::default(),
+            light: Light::default(),
         }
     }
 

@@ -59,8 +59,8 @@ pub struct Segmenter {
     name: String,
     index: u32,
     camera: CameraModel,
-    /// The vertical, in the camera's frame.
-    up: Vector3<f64>,
+    /// Direction of the main light, in the camera's frame: at first the vertical, then as balls show it.
+    towards_light: Vector3<f64>,
     format: PixelFormat,
     options: SegmentOptions,
     kernel: Kernel,
@@ -112,7 +112,7 @@ impl Segmenter {
             name: camera.name.to_string(),
             index: camera.index.code(),
             camera: camera.model,
-            up: camera.camera_from_world.rotation * up,
+            towards_light: camera.camera_from_world.rotation * up,
             format: camera.pixel_format,
             options,
             kernel,
@@ -342,12 +342,14 @@ impl Segmenter {
         // Large ones first among the equally likely: noise makes small blobs.
         let rank = |s: &Start| s.likeness * (s.sweep.area() / 40.0).min(1.0);
         self.starts.sort_unstable_by(|a, b| {
-            rank(b).total_cmp(&rank(a)).then(a.rectifier.anchor[0].total_cmp(&b.rectifier.anchor[0]))
+            rank(b)
+                .total_cmp(&rank(a))
+                .then(a.place.rectifier.anchor[0].total_cmp(&b.place.rectifier.anchor[0]))
         });
     }
 
     fn start_of(&self, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
-        start(blob, self.grid.scale, &sphere::place(&self.camera, centre, &self.up))
+        start(blob, self.grid.scale, &sphere::place(&self.camera, centre))
     }
 
     fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {
@@ -357,7 +359,7 @@ impl Segmenter {
             if fits == most || self.found.len() == self.found.capacity() {
                 break;
             }
-            if self.found.iter().any(|f| covers(&f.item, start.rectifier.anchor)) {
+            if self.found.iter().any(|f| covers(&f.item, start.place.rectifier.anchor)) {
                 continue;
             }
             fits += 1;
@@ -367,7 +369,9 @@ impl Segmenter {
                 Behind::Learnt(&self.background)
             };
             let scene = Scene { view, grid: self.grid, behind };
-            let Some(measured) = scene.measure(&mut self.patch, &start, prior) else { continue };
+            let Some(measured) = scene.measure(&mut self.patch, &start, prior, &self.towards_light) else {
+                continue;
+            };
             let likeness = self.colour.likeness(&self.light, measured.levels);
             let score = score(&measured, likeness);
             if score < LEAST_SCORE {
@@ -391,7 +395,7 @@ impl Segmenter {
 
     fn detection(&self, measured: &Measured, score: f64) -> Detection {
         let fit = &measured.fit;
-        let rectifier = &measured.rectifier;
+        let rectifier = &measured.place.rectifier;
         let outline = rectifier.pixel(fit.sweep.centre.map(f64::from));
         let radius = f64::from(fit.sweep.radius);
         let path = rectifier.offset_px(fit.sweep.path().map(f64::from));
@@ -399,7 +403,7 @@ impl Segmenter {
 
         let mut flags = 0;
         let mut centre = outline;
-        if let Some(angle) = measured.angle_per_px {
+        if let Some(angle) = measured.place.angle_per_px {
             let subtended = (radius * angle).min(0.5);
             if let Some([du, dv]) = sphere::outline_to_centre(&self.camera, outline, subtended) {
                 centre = [outline[0] + du, outline[1] + dv];
@@ -505,6 +509,8 @@ impl Segmenter {
             && self.rest.frames_at([best.item.u_px, best.item.v_px], best.item.diameter_px) <= 1
         {
             self.colour.learn(&self.light, best.measured.levels);
+            // Lamps hang here and there: a running mean over about ten balls.
+            self.towards_light = (self.towards_light * 0.9 + best.measured.light * 0.1).normalize();
         }
         self.background.learn(view, &self.kept);
     }

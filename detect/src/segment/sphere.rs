@@ -6,7 +6,7 @@ use netcord_common::{
     geometry::{Camera, Point},
 };
 
-use super::{patch::Rectifier, sweep::Lights};
+use super::{patch::Rectifier, sweep::Light};
 
 /// Step of the numeric derivative across the line of sight, rad: well above rounding, well below the
 /// angle over which the lens bends.
@@ -38,35 +38,40 @@ pub struct Place {
     pub rectifier: Rectifier,
     /// The angle that one pixel subtends there, rad; none where the lens model does not reach.
     pub angle_per_px: Option<f64>,
-    /// Where light comes from.
-    pub lights: Lights,
+    /// The axes of the patch in the camera's frame: x, y, and towards the camera.
+    pub axes: [Vector3<f64>; 3],
 }
 
-/// How far the three lights lean from the vertical: lamps hang over the whole hall.
-const LEAN: f64 = 0.7;
+impl Place {
+    /// A light's direction and two directions across it on the patch's axes.
+    pub fn light(&self, towards: &Vector3<f64>) -> Light {
+        self.light_vectors(towards).map(|v| self.axes.map(|axis| v.dot(&axis) as f32))
+    }
 
-/// Of `pixel`, where `up` is the vertical in the camera's frame.
-pub fn place(camera: &CameraModel, pixel: [f64; 2], up: &Vector3<f64>) -> Place {
-    local_map(camera, pixel, up).unwrap_or(Place {
+    /// The direction of a light after it has been turned to its two sides.
+    pub fn turned(&self, towards: &Vector3<f64>, turn: [f32; 2]) -> Vector3<f64> {
+        let [light, a, b] = self.light_vectors(towards);
+        (light + a * f64::from(turn[0]) + b * f64::from(turn[1])).normalize()
+    }
+
+    fn light_vectors(&self, towards: &Vector3<f64>) -> [Vector3<f64>; 3] {
+        // Any two directions across serve; these have no pole for light from above or from the side.
+        let across = towards.cross(&self.axes[2]);
+        let across = across.try_normalize(1e-3).unwrap_or(self.axes[0]);
+        [*towards, across, across.cross(towards)]
+    }
+}
+
+/// Of `pixel`.
+pub fn place(camera: &CameraModel, pixel: [f64; 2]) -> Place {
+    local_map(camera, pixel).unwrap_or(Place {
         rectifier: Rectifier::plain(pixel),
         angle_per_px: None,
-        lights: lights(up, [&Vector3::x(), &Vector3::y(), &-Vector3::z()]),
+        axes: [Vector3::x(), Vector3::y(), -Vector3::z()],
     })
 }
 
-/// Three lights that lean from the vertical to three sides, on the given axes.
-fn lights(up: &Vector3<f64>, axes: [&Vector3<f64>; 3]) -> Lights {
-    let across = up.cross(axes[2]).try_normalize(1e-6).unwrap_or_else(|| *axes[0]);
-    let forward = across.cross(up);
-    std::array::from_fn(|i| {
-        // The first leans towards the camera: its side is what is seen.
-        let (sin, cos) = (std::f64::consts::TAU * i as f64 / 3.0).sin_cos();
-        let light = (up + LEAN * (forward * cos + across * sin)).normalize();
-        axes.map(|axis| light.dot(axis) as f32)
-    })
-}
-
-fn local_map(camera: &CameraModel, pixel: [f64; 2], up: &Vector3<f64>) -> Option<Place> {
+fn local_map(camera: &CameraModel, pixel: [f64; 2]) -> Option<Place> {
     let sight = sight(camera, pixel)?;
     let column = |across: &Vector3<f64>| -> Option<Vector2<f64>> {
         let step = across * STEP_RAD;
@@ -85,7 +90,7 @@ fn local_map(camera: &CameraModel, pixel: [f64; 2], up: &Vector3<f64>) -> Option
     Some(Place {
         rectifier: Rectifier { anchor: pixel, forward },
         angle_per_px: Some(1.0 / scale),
-        lights: lights(up, [&sight.across[0], &sight.across[1], &-sight.along]),
+        axes: [sight.across[0], sight.across[1], -sight.along],
     })
 }
 
@@ -162,7 +167,7 @@ mod tests {
             if x != 0.0 {
                 assert!((outline - truth).norm() > 0.1, "there is something to correct");
             }
-            let place = place(&camera, [truth.x, truth.y], &-Vector3::y());
+            let place = place(&camera, [truth.x, truth.y]);
             let (map, per_px) = (place.rectifier, place.angle_per_px.expect("in view"));
             let area = std::f64::consts::PI * (angle / per_px).powi(2);
             let found = n * (2.0 * reach / f64::from(steps)).powi(2);

@@ -39,8 +39,8 @@ pub struct Coverage {
     /// ∂alpha by: centre along the path, centre across it, radius, length, angle.
     pub slopes: [Lanes; 5],
     /// What the ball's shading is made of, as means over the time of cover: 1; the place on the ball along
-    /// and across the path, in units of the radius; and the share of light that the surface there catches
-    /// from each of three directions.
+    /// and across the path, in units of the radius; the share of the main light that the surface there
+    /// catches; and how that share grows as the light turns to either side.
     pub place: [Lanes; 6],
 }
 
@@ -58,20 +58,20 @@ pub struct Coverer {
     /// (L + 1) / 2 and (L − 1) / 2.
     ramps: [Lanes; 2],
     inverse_length: Lanes,
-    /// The lights' directions along the path, across it, and towards the camera.
-    lights: [[Lanes; 3]; 3],
+    /// The light's vectors, along the path, across it, and towards the camera.
+    light: [[Lanes; 3]; 3],
 }
 
-/// Unit vectors towards three lights: x and y of the patch, and towards the camera. A surface lit from any
-/// direction between them is lit as by a mixture of the three.
-pub type Lights = [[f32; 3]; 3];
+/// The direction of the main light and two directions across it, all of unit length: on x and y of the
+/// patch, and towards the camera.
+pub type Light = [[f32; 3]; 3];
 
 /// Gauss–Legendre nodes and weights over the width of a pixel.
 const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
 
 impl Coverer {
     #[inline(always)]
-    pub fn new(sweep: &Sweep, lights: &Lights) -> Self {
+    pub fn new(sweep: &Sweep, light: &Light) -> Self {
         let length = sweep.length.max(MIN_LENGTH_PX);
         let (sin, cos) = sweep.angle.sin_cos();
         Self {
@@ -84,7 +84,7 @@ impl Coverer {
             half_length: Lanes::all(0.5 * length),
             ramps: [Lanes::all(0.5 * (length + 1.0)), Lanes::all(0.5 * (length - 1.0))],
             inverse_length: Lanes::all(1.0 / length),
-            lights: lights.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(Lanes::all)),
+            light: light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(Lanes::all)),
         }
     }
 
@@ -161,9 +161,12 @@ impl Coverer {
         let mut caught = [zero; 3];
         for along in [middle - spread, middle + spread] {
             let towards = (rest - along * along).positive().sqrt();
-            for (caught, [x, w, z]) in caught.iter_mut().zip(&self.lights) {
-                let cosine = along * *x + across * *w + towards * *z;
-                *caught = *caught + Lanes::all(0.5) * cosine.positive();
+            let towards_of = |[x, w, z]: [Lanes; 3]| along * x + across * w + towards * z;
+            let cosine = towards_of(self.light[0]);
+            let half = Lanes::all(0.5);
+            caught[0] = caught[0] + half * cosine.positive();
+            for i in 1..3 {
+                caught[i] = caught[i] + half * towards_of(self.light[i]).where_positive(cosine);
             }
         }
         let [a, b, c] = caught;
@@ -180,7 +183,7 @@ mod tests {
     use super::*;
 
     fn alpha(sweep: &Sweep, x: f32, y: f32) -> f32 {
-        Coverer::new(sweep, &Lights::default()).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
+        Coverer::new(sweep, &Light::default()).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
     }
 
     /// Counts sub-pixels and instants.
@@ -244,7 +247,7 @@ mod tests {
                 for x in -16..=16 {
                     let (x, y) = (x as f32, y as f32);
                     let weight = 1.0 + 0.1 * x - 0.07 * y + 0.01 * x * y;
-                    let at = Coverer::new(&sweep, &Lights::default()).at(Lanes::all(x), Lanes::all(y));
+                    let at = Coverer::new(&sweep, &Light::default()).at(Lanes::all(x), Lanes::all(y));
 
                     analytic += weight * at.slopes[i].0[0];
                     numeric +=

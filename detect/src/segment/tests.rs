@@ -153,3 +153,21 @@ fn all_mosaics_and_grey() {
         println!("{format}: {}", report.line());
     }
 }
+
+#[test]
+fn probe() {
+    let flat = Style { lamp: [0.0; 3], ambient: [125.0; 3], ..Style::clean() };
+    println!("flat: {}", run(flat, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
+    let lit = Style { lamp: [200.0; 3], ambient: [25.0; 3], ..Style::clean() };
+    println!("lit: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
+    let lit = Style { lamp: [200.0; 3], ambient: [25.0; 3], backdrop: Backdrop::Stripes, ..Style::clean() };
+    println!("lit stripes: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
+    let lit = Style {
+        lamp: [200.0; 3],
+        ambient: [25.0; 3],
+        backdrop: Backdrop::Stripes,
+        read_noise2: 3.0,
+        ..Style::clean()
+    };
+    println!("lit stripes noise: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
+}
