@@ -13,6 +13,7 @@ pub mod recording;
 mod run;
 mod sink;
 mod source;
+pub mod synthetic;
 pub mod usb;
 
 pub use frameset::{Arrival, FramesetAssembler, FramesetRules};

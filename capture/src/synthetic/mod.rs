@@ -1,0 +1,2 @@
+//! The synthetic source.
+pub mod flight;
