@@ -9,6 +9,7 @@
 //! - [`recording`] reads and writes recordings, for replay and for `netcord process`.
 
 mod frameset;
+mod pace;
 pub mod recording;
 mod run;
 mod sink;

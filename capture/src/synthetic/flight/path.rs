@@ -81,6 +81,7 @@ impl FlightPath {
     }
 
     /// Contacts, in order of time.
+    #[cfg(test)]
     pub fn contacts(&self) -> &[(f64, Surface)] {
         &self.contacts
     }

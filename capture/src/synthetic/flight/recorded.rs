@@ -10,7 +10,7 @@ use super::{BallState, BallTrack, TrackPoint};
 
 /// Flights read from CSV files `t,x,y,z` (s and m, table frame), one after the other with a pause
 /// between, over and over.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct RecordedFlights {
     flights: Vec<Vec<Sample>>,
     /// Start of each flight in one round, s.

@@ -1,0 +1,442 @@
+use nalgebra::{Vector2, Vector3};
+use netcord_common::{
+    camera::CameraModel,
+    geometry::{Camera, Point, Transform, World},
+    rig::RigCamera,
+    wire::CameraTruth,
+};
+use std::{ops::Range, sync::Arc};
+
+use super::{
+    backdrop::Backdrop,
+    canvas::{Canvas, Rect},
+    layer::{Layer, Share},
+    noise::{Developer, hash},
+    outline::{Outline, Seen},
+    rays::RayTable,
+};
+use crate::synthetic::{
+    flight::{BallTrack, TABLE_HALF_LENGTH_M, TABLE_HALF_WIDTH_M, TrackPoint},
+    scene::{Body, Paint, Scene, Texture},
+};
+
+/// One exposure of one camera, in scene time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exposure {
+    /// Counts frames: settles the noise.
+    pub frame: u64,
+    /// Its middle, s.
+    pub mid_s: f64,
+    /// Its length, s.
+    pub length_s: f64,
+}
+
+/// Renders what one camera of a rig sees of a scene. Allocates nothing for a frame after the first few.
+#[derive(Debug)]
+pub struct FrameRenderer {
+    scene: Arc<Scene>,
+    track: Box<dyn BallTrack>,
+    view: View,
+    developer: Developer,
+    canvas: Canvas,
+    bodies: Vec<Actor>,
+    ball: Vec<Outline>,
+    ball_layer: Layer,
+    layer: Layer,
+}
+
+/// The camera, and what stands still before it.
+#[derive(Debug)]
+struct View {
+    model: CameraModel,
+    camera_from_world: Transform<Camera, World>,
+    rays: RayTable,
+    backdrop: Backdrop,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Actor {
+    outline: Outline,
+    paint: Paint,
+}
+
+/// The ball's path over an exposure is sampled every pixel: with the pixel's and the lens's blur, which
+/// together are never narrower than half a pixel, no ripple of the sampling is left.
+const SAMPLE_PX: f64 = 1.0;
+const MAX_SAMPLES: usize = 200;
+
+/// Full light, as a gain in 1/256.
+const FULL: u16 = 256;
+
+/// Room for a ball of 60 px blurred over 200 px.
+const LAYER_PIXELS: usize = 260 * 260;
+
+impl FrameRenderer {
+    /// For `camera` in `scene`. Renders the backdrop, on all cores.
+    pub fn new(scene: &Arc<Scene>, camera: &RigCamera) -> Self {
+        let (width, height) = (camera.model.width as usize, camera.model.height as usize);
+        let seed = hash(scene.seed ^ hash(camera.index.code().into()));
+        Self {
+            track: scene.track(),
+            view: View {
+                model: camera.model,
+                camera_from_world: camera.camera_from_world,
+                rays: RayTable::new(&camera.model),
+                backdrop: Backdrop::new(scene, camera),
+            },
+            developer: Developer::new(&scene.noise, seed),
+            canvas: Canvas::new(width, height, camera.pixel_format),
+            bodies: Vec::with_capacity(scene.cast.size()),
+            ball: Vec::with_capacity(MAX_SAMPLES),
+            ball_layer: Layer::with_room(LAYER_PIXELS),
+            layer: Layer::with_room(LAYER_PIXELS),
+            scene: Arc::clone(scene),
+        }
+    }
+
+    /// Renders an exposure into `out`, whose rows are as long as the image is wide: the whole frame.
+    ///
+    /// # Panics
+    /// When `out` is shorter than the frame.
+    pub fn render(&mut self, exposure: &Exposure, out: &mut [u8]) -> CameraTruth {
+        let gain = self.gain(exposure);
+        self.develop_backdrop(exposure.frame, gain, out);
+        let truth = self.compose(exposure, gain);
+        self.develop_tiles(exposure.frame, out);
+        truth
+    }
+
+    /// Renders only what stands still, in full light; `frame` settles the noise.
+    pub fn render_backdrop(&self, frame: u64, out: &mut [u8]) {
+        self.develop_backdrop(frame, FULL, out);
+    }
+
+    /// Renders, in full light, only the tiles in which something moves; [`Self::tiles`] tells which.
+    pub fn render_changes(&mut self, exposure: &Exposure, out: &mut [u8]) -> CameraTruth {
+        let truth = self.compose(exposure, FULL);
+        self.develop_tiles(exposure.frame, out);
+        truth
+    }
+
+    /// The tiles, of [`super::TILE`] px, row by row, that the last frame changed against the backdrop.
+    pub fn tiles(&self) -> &[u32] {
+        self.canvas.tiles()
+    }
+
+    /// Width and height, px.
+    pub const fn size(&self) -> (usize, usize) {
+        (self.canvas.width, self.canvas.height)
+    }
+
+    fn develop_backdrop(&self, frame: u64, gain: u16, out: &mut [u8]) {
+        let width = self.canvas.width;
+        let rows = out.chunks_exact_mut(width).zip(self.view.backdrop.means.chunks_exact(width));
+        for (y, (out, means)) in rows.enumerate() {
+            let noise = self.developer.row_noise(frame, y, width);
+            self.developer.row(means, gain, noise, out);
+        }
+    }
+
+    fn develop_tiles(&self, frame: u64, out: &mut [u8]) {
+        let width = self.canvas.width;
+        for tile in self.canvas.tiles() {
+            let (xs, ys) = self.canvas.pixels(*tile);
+            for y in ys {
+                let noise = &self.developer.row_noise(frame, y, width)[xs.clone()];
+                let means = &self.canvas.row(y)[xs.clone()];
+                self.developer.fine_row(means, noise, &mut out[y * width + xs.start..y * width + xs.end]);
+            }
+        }
+    }
+
+    /// What [`Self::render`] would say of the ball, without a picture.
+    pub fn truth(&mut self, exposure: &Exposure) -> CameraTruth {
+        let gain = self.gain(exposure);
+        self.compose(exposure, gain)
+    }
+
+    /// The ball at an instant of scene time.
+    pub fn ball_at(&mut self, t_s: f64) -> Option<TrackPoint> {
+        self.track.at(t_s)
+    }
+
+    /// Brightness in 1/256.
+    fn gain(&self, exposure: &Exposure) -> u16 {
+        let gain = self.scene.room.light().gain(exposure.mid_s, exposure.length_s);
+        (gain * 256.0).round().clamp(0.0, 256.0) as u16
+    }
+
+    /// Paints all that moves onto the canvas, the farthest first.
+    fn compose(&mut self, exposure: &Exposure, gain: u16) -> CameraTruth {
+        let gain = f32::from(gain) / 256.0;
+        self.canvas.clear();
+        self.find_bodies(exposure.mid_s);
+        let truth = self.find_ball(exposure);
+        let Self { scene, view, canvas, bodies, ball, ball_layer, layer, .. } = self;
+        let mut painter = Painter { scene, view, canvas, gain };
+        if let Some(centre) = truth.centre {
+            painter.shadow(&centre);
+        }
+        let mut whole = 0.0;
+        let ball_depth = ball.first().map_or(f64::INFINITY, |o| o.depth_m);
+        let behind = bodies.partition_point(|b| b.outline.depth_m > ball_depth);
+        for (index, actor) in bodies.iter().enumerate() {
+            if index == behind && !ball.is_empty() {
+                whole = painter.paint(ball, &scene.ball, ball_layer) + painter.outside(ball);
+            }
+            painter.paint(std::slice::from_ref(&actor.outline), &actor.paint, layer);
+            if index >= behind && !ball.is_empty() {
+                ball_layer.hide_behind(layer);
+            }
+        }
+        if behind == bodies.len() && !ball.is_empty() {
+            whole = painter.paint(ball, &scene.ball, ball_layer) + painter.outside(ball);
+        }
+        let visible = if whole > 0.0 { (ball_layer.shown() / whole).clamp(0.0, 1.0) } else { 0.0 };
+        CameraTruth { u_px: truth.image.x, v_px: truth.image.y, visible }
+    }
+
+    /// Outlines of all bodies but the ball that may be in the picture, the farthest first.
+    fn find_bodies(&mut self, t_s: f64) {
+        let Self { scene, view, canvas, bodies, .. } = self;
+        bodies.clear();
+        scene.cast.bodies(t_s, scene.radius_m, |body| {
+            if let Some(outline) = view.outline(&body, scene.blur_px)
+                && in_frame(&outline.rect, canvas)
+            {
+                bodies.push(Actor { outline, paint: body.paint });
+            }
+        });
+        bodies.sort_unstable_by(|a, b| b.outline.depth_m.total_cmp(&a.outline.depth_m));
+    }
+
+    /// Outlines of the ball along its way, as many as its image's way needs.
+    fn find_ball(&mut self, exposure: &Exposure) -> BallSeen {
+        let Self { scene, track, view, ball, canvas, .. } = self;
+        ball.clear();
+        let Some(middle) = track.at(exposure.mid_s) else { return BallSeen::default() };
+        let centre = middle.state.position;
+        let at = |p: Vector3<f64>| view.model.project(&(&view.camera_from_world * Point::from(p)));
+        let Some(image) = at(centre) else { return BallSeen::default() };
+        let mut from = |share: f64| {
+            let t = exposure.mid_s + (share - 0.5) * exposure.length_s;
+            // The ball comes into being at a serve, and is gone at the end of a rally: inside an exposure
+            // it then stands where it began or ended.
+            track.at(t).map_or(centre, |p| p.state.position)
+        };
+        let way = |a: Option<Vector2<f64>>, b: Option<Vector2<f64>>| match (a, b) {
+            (Some(a), Some(b)) => (a - b).norm(),
+            _ => 0.0,
+        };
+        // Two legs: a bounce bends the way.
+        let length = way(at(from(0.0)), Some(image)) + way(Some(image), at(from(1.0)));
+        let count = ((length / SAMPLE_PX).ceil() as usize).clamp(1, MAX_SAMPLES);
+        for k in 0..count {
+            let position = from((k as f64 + 0.5) / count as f64);
+            let body = Body::sphere(position, scene.radius_m, scene.ball);
+            if let Some(outline) = view.outline(&body, scene.blur_px) {
+                ball.push(outline);
+            }
+        }
+        if !ball.iter().any(|outline| in_frame(&outline.rect, canvas)) {
+            ball.clear();
+        }
+        BallSeen { image, centre: Some(centre) }
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct BallSeen {
+    image: Vector2<f64>,
+    centre: Option<Vector3<f64>>,
+}
+
+fn in_frame(rect: &Rect, canvas: &Canvas) -> bool {
+    let (columns, rows) = rect.within(canvas.width, canvas.height);
+    !columns.is_empty() && !rows.is_empty()
+}
+
+impl View {
+    fn outline(&self, body: &Body, blur_px: f64) -> Option<Outline> {
+        Outline::new(&self.model, &self.camera_from_world, body, blur_px)
+    }
+
+    /// A direction or normal of the camera's frame, in the world.
+    fn to_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        self.camera_from_world.rotation.inverse_transform_vector(v)
+    }
+}
+
+/// Paints bodies onto the canvas.
+struct Painter<'a> {
+    scene: &'a Scene,
+    view: &'a mut View,
+    canvas: &'a mut Canvas,
+    gain: f32,
+}
+
+impl Painter<'_> {
+    /// Opens the tiles under `rect`.
+    fn open(&mut self, rect: &Rect) {
+        let View { rays, backdrop, .. } = &mut *self.view;
+        self.canvas.open(rect, &backdrop.means, self.gain, |tx, ty| rays.make_known(tx, ty));
+    }
+
+    /// Paints a body that was at `outlines`, each for an equal share of the exposure. Returns the area of
+    /// its image inside the frame, hidden parts too, in px.
+    fn paint(&mut self, outlines: &[Outline], paint: &Paint, layer: &mut Layer) -> f64 {
+        let Some(hull) = outlines.iter().map(|o| o.rect).reduce(|a, b| a.hull(&b)) else { return 0.0 };
+        for outline in outlines {
+            self.open(&outline.rect);
+        }
+        layer.reset(hull.within(self.canvas.width, self.canvas.height));
+        let share = 1.0 / outlines.len() as f64;
+        let mut whole = 0.0;
+        for outline in outlines {
+            whole += share * self.add(outline, paint, share as f32, layer);
+        }
+        for y in layer.rows() {
+            let (x0, row) = layer.row_mut(y);
+            for (i, s) in row.iter().enumerate().filter(|(_, s)| s.coverage > 0.0) {
+                let mean = self.canvas.mean_mut(x0 + i, y);
+                *mean = *mean * (1.0 - s.coverage) + s.light;
+            }
+        }
+        whole
+    }
+
+    /// Adds one outline to the layer; returns its area inside the frame.
+    fn add(&self, outline: &Outline, paint: &Paint, share: f32, layer: &mut Layer) -> f64 {
+        let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
+        let by_net = self.view.backdrop.net.is_some_and(|net| {
+            net.x0 < outline.rect.x1
+                && outline.rect.x0 < net.x1
+                && net.y0 < outline.rect.y1
+                && outline.rect.y0 < net.y1
+        });
+        let mut area = 0.0;
+        for y in rows {
+            let rays = self.view.rays.row(y);
+            let (x0, row) = layer.row_mut(y);
+            for x in columns.clone() {
+                let Some(seen) = outline.seen(rays[x]) else { continue };
+                area += seen.coverage;
+                if self.view.backdrop.hides(x, y, seen.depth_m) {
+                    continue;
+                }
+                let channel = self.canvas.channel(x, y);
+                let mut light = self.light(&seen, rays[x], paint, channel);
+                let mut clear = 1.0;
+                if by_net && let Some((opacity, of_net)) = self.net(rays[x], seen.depth_m, channel) {
+                    light += opacity * (of_net - light);
+                    clear = 1.0 - opacity;
+                }
+                let coverage = seen.coverage as f32 * share;
+                let Share { coverage: c, light: l, shown } = &mut row[x - x0];
+                *c += coverage;
+                *l += coverage * light * self.gain;
+                *shown += coverage * clear;
+            }
+        }
+        area
+    }
+
+    /// Area of the part of a body's image that lies outside the frame, px.
+    fn outside(&self, outlines: &[Outline]) -> f64 {
+        let mut area = 0.0;
+        for outline in outlines {
+            let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
+            let Rect { x0, y0, x1, y1 } = outline.rect;
+            if columns.len() as i64 == x1 - x0 && rows.len() as i64 == y1 - y0 {
+                continue;
+            }
+            for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+                let in_range =
+                    |v: i64, range: &Range<usize>| usize::try_from(v).is_ok_and(|v| range.contains(&v));
+                if in_range(x, &columns) && in_range(y, &rows) {
+                    continue;
+                }
+                if let Some(n) = self.view.model.undistort(&Vector2::new(x as f64, y as f64)) {
+                    area += outline.seen([n.x as f32, n.y as f32]).map_or(0.0, |s| s.coverage);
+                }
+            }
+        }
+        area / outlines.len().max(1) as f64
+    }
+
+    /// What a point of a body sends to a pixel of this channel in full light, DN.
+    fn light(&self, seen: &Seen, ray: [f32; 2], paint: &Paint, channel: usize) -> f32 {
+        let light = self.scene.room.light();
+        let normal = self.view.to_world(&seen.normal);
+        let irradiance = light.on(&normal) as f32;
+        let colour = match paint.texture {
+            Texture::Plain => paint.colour,
+            _ => paint.at(seen.on_body.x, seen.on_body.z),
+        };
+        let mut radiance = colour.map(|c| c * irradiance);
+        if paint.gloss > 0.0 {
+            let view = -Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
+            let view = self.view.to_world(&view).normalize();
+            let shine: f64 = light
+                .lamps
+                .iter()
+                .map(|(to, strength)| strength * (to + view).normalize().dot(&normal).max(0.0).powi(32))
+                .sum();
+            radiance = radiance.map(|r| r + paint.gloss * shine as f32);
+        }
+        self.scene.level(&radiance, channel)
+    }
+
+    /// The net before a point at this depth: its opacity, and its light in full light, DN.
+    fn net(&self, ray: [f32; 2], depth_m: f64, channel: usize) -> Option<(f32, f32)> {
+        let direction = self.view.to_world(&Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0));
+        let origin = self.view.camera_from_world.origin().coords;
+        let net = self.scene.room.net(&origin, &direction).filter(|net| net.distance < depth_m)?;
+        Some((net.opacity, self.scene.level(&net.radiance, channel)))
+    }
+
+    /// The ball's shadows on the table: one for each lamp, the softer the higher the ball.
+    fn shadow(&mut self, ball: &Vector3<f64>) {
+        /// Higher balls throw no shadow that could be seen.
+        const HIGHEST_M: f64 = 0.5;
+        /// Width of the lamps as an angle: what a shadow's rim grows by with height.
+        const LAMP_RAD: f64 = 0.12;
+        let on_table = |p: &Vector3<f64>| p.x.abs() < TABLE_HALF_WIDTH_M && p.y.abs() < TABLE_HALF_LENGTH_M;
+        if !(0.0..HIGHEST_M).contains(&ball.z) {
+            return;
+        }
+        let light = *self.scene.room.light();
+        let all = light.on(&Vector3::z());
+        let origin = self.view.camera_from_world.origin().coords;
+        let radius = self.scene.radius_m;
+        for (to, strength) in light.lamps {
+            let centre = ball - to * (ball.z / to.z);
+            if !on_table(&centre) {
+                continue;
+            }
+            let soft = LAMP_RAD * ball.z;
+            let reach = radius + soft;
+            let dark = strength * to.z / all * (radius / reach).powi(2);
+            let disc = Body::upright(centre, [reach, reach, 1e-3], self.scene.ball);
+            let Some(outline) = self.view.outline(&disc, 0.5) else { continue };
+            self.open(&outline.rect);
+            let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
+            for y in rows {
+                for x in columns.clone() {
+                    let ray = self.view.rays.row(y)[x];
+                    let direction =
+                        self.view.to_world(&Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0));
+                    let depth = -origin.z / direction.z;
+                    let at = origin + direction * depth;
+                    // Only where the table is what the pixel sees.
+                    if !on_table(&at) || (self.view.backdrop.depth_m(x, y) - depth).abs() > 0.01 {
+                        continue;
+                    }
+                    let share = ((reach - (at - centre).norm()) / (2.0 * soft + 2e-3)).clamp(0.0, 1.0);
+                    let kept = 1.0 - dark * share * share * (3.0 - 2.0 * share);
+                    *self.canvas.mean_mut(x, y) *= kept as f32;
+                }
+            }
+        }
+    }
+}

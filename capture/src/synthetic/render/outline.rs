@@ -1,0 +1,237 @@
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use netcord_common::{
+    camera::CameraModel,
+    geometry::{Camera, Point, Transform, World},
+};
+
+use super::canvas::Rect;
+use crate::synthetic::scene::Body;
+
+/// An ellipsoid as a camera sees it: its exact outline, and the depth and normal of each of its points.
+///
+/// In coordinates in which it is the unit sphere at `c`, a ray along `d` meets it where
+/// h = (d·c)²/|d|² − |c|² + 1 is positive. 1 − h is the square of t, the ray's distance from the centre as
+/// a share of the outline's: t = 1 is the outline. It grows evenly across the image, so that (1 − t) over
+/// the length of its gradient is the distance to the outline in pixels. Nothing here approximates the
+/// outline by a circle or an ellipse; only the scale at which it fades is taken at its centre.
+#[derive(Debug, Clone, Copy)]
+pub struct Outline {
+    /// Camera's directions to the unit sphere's coordinates.
+    to_unit: Matrix3<f64>,
+    /// The camera's centre sees the sphere here.
+    centre: Vector3<f64>,
+    /// |c|² − 1.
+    beyond: f64,
+    /// ∂(normalised)/∂(pixel).
+    by_pixel: Matrix2<f64>,
+    /// Standard deviation of pixel and lens together, px.
+    blur_px: f64,
+    /// Image of its centre, px.
+    pub image: Vector2<f64>,
+    /// Pixels that it may touch.
+    pub rect: Rect,
+    /// Depth of its centre, m.
+    pub depth_m: f64,
+}
+
+/// A point of a body, as a pixel sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Share of the pixel that the body covers, 0–1.
+    pub coverage: f64,
+    /// Depth (camera z), m.
+    pub depth_m: f64,
+    /// Unit normal in the camera's frame.
+    pub normal: Vector3<f64>,
+    /// The point in the unit sphere's coordinates.
+    pub on_body: Vector3<f64>,
+}
+
+/// A pixel's square as blur: the variance of a box one pixel wide, in any direction.
+const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+
+/// Beyond so many standard deviations an edge is fully in or out: 0.3 % of a step.
+const EDGE_SIGMAS: f64 = 3.0;
+
+impl Outline {
+    /// How `camera` sees `body`; `None` when it is behind the camera, around it, or outside the model's
+    /// field of view.
+    pub fn new(
+        model: &CameraModel,
+        camera_from_world: &Transform<Camera, World>,
+        body: &Body,
+        lens_blur_px: f64,
+    ) -> Option<Self> {
+        let centre = camera_from_world * Point::<World>::from(body.centre);
+        let axes = camera_from_world.rotation.matrix() * body.axes;
+        let projected = model.project_with_jacobians(&centre)?;
+        let z = centre.coords.z;
+        // Half of the image's extent is the support of the ellipsoid, to first order; nearness adds.
+        let reach = axes.row(2).norm();
+        if z <= 2.0 * reach {
+            return None;
+        }
+        let blur_px = (PIXEL_VARIANCE + lens_blur_px * lens_blur_px).sqrt();
+        let half = projected.by_point * axes;
+        let near = 1.1 * z / (z - reach);
+        let margin = EDGE_SIGMAS * blur_px + 1.0;
+        let half = (half.row(0).norm() * near + margin, half.row(1).norm() * near + margin);
+        let normalised = centre.coords.xy() / z;
+        let (_, lens) = model.distort_with_jacobian(&normalised)?;
+        let to_pixel = Matrix2::from_diagonal(&Vector2::new(model.fx, model.fy)) * lens;
+        let to_unit = axes.try_inverse()?;
+        let centre = to_unit * centre.coords;
+        Some(Self {
+            to_unit,
+            centre,
+            beyond: centre.norm_squared() - 1.0,
+            by_pixel: to_pixel.try_inverse()?,
+            blur_px,
+            image: projected.pixel,
+            rect: Rect::around((projected.pixel.x, projected.pixel.y), half),
+            depth_m: z,
+        })
+    }
+
+    /// What the pixel whose ray has the normalised coordinates `ray` sees of the body.
+    pub fn seen(&self, ray: [f32; 2]) -> Option<Seen> {
+        let a = &self.to_unit;
+        let direction = a * Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
+        let (dd, dc) = (direction.norm_squared(), direction.dot(&self.centre));
+        // Written so that a ray that is not a number is refused too.
+        if !(dc > 0.0) {
+            return None;
+        }
+        let h = dc * dc / dd - self.beyond;
+        let t = (1.0 - h).max(0.0).sqrt();
+        let coverage = if t < 0.3 { 1.0 } else { self.coverage(t, &direction, dd, dc)? };
+        let root = (dc * dc - dd * self.beyond).max(0.0).sqrt();
+        let depth_m = (dc - root) / dd;
+        let on_body = (direction * depth_m - self.centre).normalize();
+        Some(Seen { coverage, depth_m, normal: a.tr_mul(&on_body).normalize(), on_body })
+    }
+
+    fn coverage(&self, t: f64, direction: &Vector3<f64>, dd: f64, dc: f64) -> Option<f64> {
+        let (x, y) = (self.to_unit.column(0), self.to_unit.column(1));
+        let (p, q) = (2.0 * dc / dd, 2.0 * dc * dc / (dd * dd));
+        let by_ray = Vector2::new(
+            p * x.dot(&self.centre) - q * x.dot(direction),
+            p * y.dot(&self.centre) - q * y.dot(direction),
+        );
+        let slope = self.by_pixel.tr_mul(&by_ray).norm() / (2.0 * t);
+        // Blurring a disc of radius ρ keeps its area, but a step blurred along the radius would add π σ²:
+        // the outline is drawn in to √(ρ² − σ²).
+        let blur = self.blur_px * slope;
+        let sigmas = ((1.0 - blur * blur).max(0.0).sqrt() - t) / blur;
+        if sigmas < -EDGE_SIGMAS {
+            return None;
+        }
+        Some(if sigmas > EDGE_SIGMAS { 1.0 } else { step(sigmas) })
+    }
+}
+
+/// The cumulative normal distribution, to 2e-4 (Page 1977).
+fn step(x: f64) -> f64 {
+    1.0 / (1.0 + (-1.595_769_121_605_731 * x * (1.0 + 0.044_715 * x * x)).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use netcord_common::camera::Distortion;
+
+    use super::*;
+    use crate::synthetic::scene::Paint;
+
+    fn camera() -> CameraModel {
+        let lens = Distortion::from_array([-0.097_151, 0.067_889, -0.000_716, 0.000_305, -0.003_636]);
+        CameraModel::new((1920, 1200), (672.282, 672.689), (984.047, 602.967), lens).expect("valid")
+    }
+
+    /// Share of a pixel's blurred light that comes from the body: rays through many places about the
+    /// pixel, each undistorted exactly, met with the ellipsoid by solving the quadratic, weighted by the
+    /// pixel's square and the lens's bell.
+    fn brute(model: &CameraModel, body: &Body, lens: f64, x: f64, y: f64) -> f64 {
+        let inverse = body.axes.try_inverse().expect("not flat");
+        let (mut hit, mut all) = (0.0, 0.0);
+        let steps = 5;
+        let offsets: Vec<(f64, f64)> = (-7..=7)
+            .map(|i| f64::from(i) * 0.37 * lens)
+            .map(|o| (o, (-0.5 * (o / lens).powi(2)).exp()))
+            .collect();
+        for (du, wu) in &offsets {
+            for (dv, wv) in &offsets {
+                for i in 0..steps {
+                    for j in 0..steps {
+                        let inside = |k: i32| (f64::from(k) + 0.5) / f64::from(steps) - 0.5;
+                        let pixel = Vector2::new(x + du + inside(i), y + dv + inside(j));
+                        let n = model.undistort(&pixel).expect("in view");
+                        let d = inverse * Vector3::new(n.x, n.y, 1.0);
+                        let c = inverse * body.centre;
+                        let b = d.dot(&c);
+                        let met = b * b - d.norm_squared() * (c.norm_squared() - 1.0) >= 0.0;
+                        hit += wu * wv * f64::from(u8::from(met));
+                        all += wu * wv;
+                    }
+                }
+            }
+        }
+        hit / all
+    }
+
+    #[test]
+    fn coverage_is_that_of_rays_by_the_hundred_through_the_distorted_camera() {
+        let model = camera();
+        let paint = Paint::plain([1.0; 3]);
+        let bodies = [
+            Body::sphere(Vector3::new(0.1, -0.05, 1.9), 0.02, paint),
+            // Near a corner of the image, where the outline is stretched and the lens bends most.
+            Body::sphere(Vector3::new(-1.75, -0.95, 1.5), 0.02, paint),
+            Body::sphere(Vector3::new(1.1, 0.6, 3.5), 0.02, paint),
+            Body::limb(Vector3::new(0.3, 0.2, 2.0), Vector3::new(0.4, 0.1, 2.2), 0.02, paint),
+        ];
+        let here = Transform::<Camera, World>::identity();
+        for (index, body) in bodies.iter().enumerate() {
+            let lens = 0.5;
+            let outline = Outline::new(&model, &here, body, lens).expect("in view");
+            let (mut worst, mut area, mut true_area) = (0.0_f64, 0.0, 0.0);
+            let (mut moment, mut true_moment) = (Vector2::zeros(), Vector2::zeros());
+            for y in outline.rect.y0..outline.rect.y1 {
+                for x in outline.rect.x0..outline.rect.x1 {
+                    let (x, y) = (x as f64, y as f64);
+                    let n = model.undistort(&Vector2::new(x, y)).expect("in view");
+                    let fast = outline.seen([n.x as f32, n.y as f32]).map_or(0.0, |s| s.coverage);
+                    let exact = brute(&model, body, lens, x, y);
+                    worst = worst.max((fast - exact).abs());
+                    (area, true_area) = (area + fast, true_area + exact);
+                    moment += Vector2::new(x, y) * fast;
+                    true_moment += Vector2::new(x, y) * exact;
+                }
+            }
+            let off = (moment / area - true_moment / true_area).norm();
+            assert!(off < 0.005, "body {index}: the centre of the image is off by {off} px");
+            assert!(worst < 0.03, "body {index}: a pixel's coverage is off by {worst}");
+            assert!((area / true_area - 1.0).abs() < 0.01, "body {index}: {area} against {true_area} px²");
+        }
+    }
+
+    #[test]
+    fn depth_and_normal_are_those_of_the_surface() {
+        let model = camera();
+        let body = Body::sphere(Vector3::new(0.3, 0.2, 2.0), 0.02, Paint::plain([1.0; 3]));
+        let here = Transform::<Camera, World>::identity();
+        let outline = Outline::new(&model, &here, &body, 0.5).expect("in view");
+        let n = model.undistort(&(outline.image + Vector2::new(2.0, -1.0))).expect("in view");
+        let seen = outline.seen([n.x as f32, n.y as f32]).expect("inside");
+        let point = Vector3::new(n.x, n.y, 1.0) * seen.depth_m;
+        assert!(((point - body.centre).norm() - 0.02).abs() < 1e-6);
+        assert!((seen.normal - (point - body.centre) / 0.02).norm() < 1e-4);
+        assert!(seen.normal.dot(&point) < 0.0, "faces the camera");
+    }
+
+    #[test]
+    fn what_is_behind_the_camera_is_not_seen() {
+        let here = Transform::<Camera, World>::identity();
+        let body = Body::sphere(Vector3::new(0.0, 0.0, -2.0), 0.02, Paint::plain([1.0; 3]));
+        assert!(Outline::new(&camera(), &here, &body, 0.5).is_none());
+    }
+}

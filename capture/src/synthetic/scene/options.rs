@@ -1,0 +1,27 @@
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use super::Preset;
+use crate::synthetic::flight::RecordedFlightsError;
+
+/// What a scene is made from.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct SceneOptions {
+    /// How hard it is.
+    pub preset: Preset,
+    /// Settles everything that the preset leaves open: the same seed gives the same frames.
+    pub seed: u64,
+    /// A CSV file of flights `t,x,y,z`, or a folder of them, in place of the simulated rally.
+    pub flights: Option<PathBuf>,
+    /// Length of the exposure, ns, in place of the preset's or the rig's.
+    pub exposure_ns: Option<u64>,
+}
+
+/// Why there is no such scene.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    /// The flights cannot be used.
+    #[error(transparent)]
+    Flights(#[from] RecordedFlightsError),
+}

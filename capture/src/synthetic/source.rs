@@ -1,0 +1,407 @@
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    thread,
+};
+
+use netcord_common::{
+    Clock, MonotonicClock, Shutdown,
+    bus::{BusError, FrameSlot},
+    rig::{CameraIndex, Rig, RigCamera},
+    wire::{
+        BallTruth, CameraTruth, ControlCommand, ControlRequest, ControlResponse, ControlStatus, FrameHeader,
+        Stamps,
+    },
+};
+use thiserror::Error;
+
+use super::{
+    faults::{self, Fault, FaultError, FaultPlan},
+    pool::FramePool,
+    render::{Exposure, FrameRenderer},
+    scene::{Scene, SceneError, SceneOptions},
+    truth::{TruthDesk, truth_domain},
+};
+use crate::{
+    pace::{sleep_until, wake_precisely},
+    sink::{FrameSink, LossReason},
+    source::{FrameSource, SourceControl, SourceError, response},
+};
+
+/// How the synthetic source runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SyntheticOptions {
+    /// The scene.
+    pub scene: SceneOptions,
+    /// Exposures a second, in place of the rig's.
+    pub rate_hz: Option<f64>,
+    /// Publish this many frames rendered beforehand, round and round, in place of fresh ones.
+    pub prerendered: Option<usize>,
+    /// Time from the end of the exposure until the frame is complete, ns: what a camera's link takes.
+    pub transfer_ns: u64,
+    /// Frames of each camera after which the source ends.
+    pub frames: Option<u64>,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+}
+
+/// Why there is no such source.
+#[derive(Debug, Error)]
+pub enum SyntheticError {
+    /// The scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// A fault.
+    #[error(transparent)]
+    Fault(#[from] FaultError),
+    /// A rate that cannot be.
+    #[error("a rate of {0} Hz cannot be kept; valid are 0.1 to 10000")]
+    Rate(f64),
+}
+
+/// Renders a scene into frames of every camera of a rig: a [`FrameSource`].
+#[derive(Debug)]
+pub struct SyntheticSource {
+    rig: Rig,
+    scene: Arc<Scene>,
+    options: SyntheticOptions,
+    interval_ns: u64,
+    cameras: Vec<Stand>,
+    control: Arc<Control>,
+}
+
+/// One camera with what it needs to render.
+#[derive(Debug)]
+struct Stand {
+    camera: RigCamera,
+    exposure_ns: u64,
+    renderer: FrameRenderer,
+    pool: Option<FramePool>,
+    plan: FaultPlan,
+}
+
+impl SyntheticSource {
+    /// Makes the scene and renders what stands still in it.
+    ///
+    /// # Errors
+    /// [`SyntheticError`].
+    pub fn new(rig: &Rig, options: SyntheticOptions) -> Result<Self, SyntheticError> {
+        faults::check(&options.faults, rig)?;
+        let rate_hz = options.rate_hz.unwrap_or(rig.rate_hz);
+        if !(0.1..=10_000.0).contains(&rate_hz) {
+            return Err(SyntheticError::Rate(rate_hz));
+        }
+        let interval_ns = (1e9 / rate_hz).round() as u64;
+        let scene = Arc::new(Scene::new(rig, &options.scene)?);
+        let cameras = rig
+            .cameras
+            .iter()
+            .map(|camera| {
+                let mut renderer = FrameRenderer::new(&scene, camera);
+                // A camera cannot expose for longer than there is between two triggers.
+                let exposure_ns = scene.exposure_ns.unwrap_or(camera.exposure_ns).min(interval_ns * 9 / 10);
+                let pool = options.prerendered.map(|count| {
+                    FramePool::new(&mut renderer, count, interval_ns as f64 * 1e-9, exposure_ns as f64 * 1e-9)
+                });
+                let plan = FaultPlan::of(&options.faults, rig, camera.index, scene.seed);
+                Stand { camera: camera.clone(), exposure_ns, renderer, pool, plan }
+            })
+            .collect();
+        let control = Arc::new(Control { running: AtomicBool::new(true), last_trigger: AtomicU64::new(0) });
+        Ok(Self { rig: rig.clone(), scene, options, interval_ns, cameras, control })
+    }
+
+    /// The scene.
+    pub const fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+}
+
+/// What requests change and ask for.
+#[derive(Debug)]
+struct Control {
+    running: AtomicBool,
+    last_trigger: AtomicU64,
+}
+
+impl SourceControl for Control {
+    fn control(&self, request: &ControlRequest) -> ControlResponse {
+        let mut answer = match ControlCommand::from_code(request.command) {
+            Some(ControlCommand::Start) => {
+                self.running.store(true, Ordering::Relaxed);
+                response(ControlStatus::Done, "")
+            }
+            Some(ControlCommand::Stop) => {
+                self.running.store(false, Ordering::Relaxed);
+                response(ControlStatus::Done, "")
+            }
+            Some(ControlCommand::Status) => response(ControlStatus::Done, "a synthetic scene"),
+            Some(_) => response(
+                ControlStatus::NotSupported,
+                "a synthetic scene knows start, stop and status; exposure and rate are options of `netcord capture`",
+            ),
+            None => response(ControlStatus::Invalid, "this command is not known to this version"),
+        };
+        answer.running = u32::from(self.running.load(Ordering::Relaxed));
+        answer.trigger_id = self.last_trigger.load(Ordering::Relaxed);
+        answer
+    }
+}
+
+/// From the start of the source to the first exposure, ns: threads are up by then.
+const LEAD_NS: u64 = 20_000_000;
+
+/// Frames held back by faults at a time; a slot held is a slot on loan.
+const HELD: usize = 4;
+
+impl FrameSource for SyntheticSource {
+    fn slot_bytes(&self, camera: CameraIndex) -> usize {
+        let model = &self.rig.cameras[camera.get()].model;
+        model.width as usize * model.height as usize
+    }
+
+    fn control(&self) -> Arc<dyn SourceControl> {
+        Arc::clone(&self.control) as Arc<dyn SourceControl>
+    }
+
+    fn run(&mut self, sink: &FrameSink, stop: &Shutdown) -> Result<(), SourceError> {
+        let domain = truth_domain(sink.bus().domain()).map_err(SourceError::failed)?;
+        let truth = TruthDesk::open(&domain, self.rig.camera_mask())?;
+        let shift = Shift {
+            sink,
+            stop,
+            truth: &truth,
+            control: &self.control,
+            interval_ns: self.interval_ns,
+            transfer_ns: self.options.transfer_ns,
+            frames: self.options.frames.unwrap_or(u64::MAX),
+            begin_ns: MonotonicClock.now().as_ns() + LEAD_NS,
+        };
+        thread::scope(|scope| {
+            let shift = &shift;
+            let threads: Vec<_> = self
+                .cameras
+                .iter_mut()
+                .map(|stand| {
+                    scope.spawn(move || {
+                        let ended = stand.work(shift);
+                        if ended.is_err() {
+                            shift.stop.request();
+                        }
+                        ended
+                    })
+                })
+                .collect();
+            let mut result = Ok(());
+            for thread in threads {
+                let ended = thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+                result = result.and(ended.map_err(SourceError::Bus));
+            }
+            result
+        })
+    }
+}
+
+/// What the threads of all cameras share.
+struct Shift<'a> {
+    sink: &'a FrameSink,
+    stop: &'a Shutdown,
+    truth: &'a TruthDesk,
+    control: &'a Control,
+    interval_ns: u64,
+    transfer_ns: u64,
+    frames: u64,
+    begin_ns: u64,
+}
+
+impl Shift<'_> {
+    /// The middle of exposure `n`, ns.
+    fn mid_ns(&self, n: u64) -> u64 {
+        self.begin_ns + n * self.interval_ns
+    }
+}
+
+/// A frame that a fault holds back.
+struct Held {
+    due_ns: u64,
+    slot: FrameSlot,
+}
+
+impl Stand {
+    /// Delivers frame after frame. Each is rendered before its exposure would end, and handed over on
+    /// the instant: so rendering adds nothing to the latency that is measured.
+    fn work(&mut self, shift: &Shift<'_>) -> Result<(), BusError> {
+        wake_precisely();
+        let mut held: Vec<Held> = Vec::with_capacity(HELD);
+        let mut n = 0;
+        while n < shift.frames && !shift.stop.is_requested() {
+            // Triggers that have gone by while the machine was busy are lost, and said to be.
+            let late_ns = MonotonicClock.now().as_ns().saturating_sub(shift.mid_ns(n));
+            for _ in 0..late_ns / shift.interval_ns {
+                self.miss(n, shift)?;
+                n += 1;
+            }
+            self.expose(n, shift, &mut held)?;
+            n += 1;
+        }
+        for Held { slot, .. } in held.drain(..) {
+            shift.sink.deliver(self.camera.index, slot)?;
+        }
+        Ok(())
+    }
+
+    fn miss(&mut self, n: u64, shift: &Shift<'_>) -> Result<(), BusError> {
+        if !shift.control.running.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let exposure = self.exposure(n, 0, shift);
+        let seen = match &self.pool {
+            Some(pool) => pool.truth(n),
+            None => self.renderer.truth(&exposure),
+        };
+        self.tell(n, seen, shift)?;
+        shift.sink.lost(self.camera.index, shift.sink.first_trigger_id() + n, LossReason::Overrun)
+    }
+
+    fn expose(&mut self, n: u64, shift: &Shift<'_>, held: &mut Vec<Held>) -> Result<(), BusError> {
+        let camera = self.camera.index;
+        let trigger_id = shift.sink.first_trigger_id() + n;
+        let fate = self.plan.fate(n);
+        let mid_ns = shift.mid_ns(n).saturating_add_signed(fate.desync_ns);
+        let complete_ns = mid_ns + self.exposure_ns / 2 + shift.transfer_ns;
+        if !shift.control.running.load(Ordering::Relaxed) {
+            sleep_until(complete_ns, shift.stop);
+            return Ok(());
+        }
+        shift.control.last_trigger.fetch_max(trigger_id, Ordering::Relaxed);
+
+        let exposure = self.exposure(n, fate.desync_ns, shift);
+        let bytes = self.camera.model.width as usize * self.camera.model.height as usize;
+        let loaned = match fate.truncated {
+            Some(_) => None,
+            None if fate.dropped => None,
+            None => match shift.sink.loan(camera) {
+                Ok(slot) => Some(slot),
+                Err(BusError::NoSlot { .. }) => None,
+                Err(e) => return Err(e),
+            },
+        };
+        let (slot, seen) = match loaned {
+            Some(mut slot) => {
+                let seen = match &mut self.pool {
+                    Some(pool) => pool.write(n, slot.bytes_mut()),
+                    None => self.renderer.render(&exposure, slot.bytes_mut()),
+                };
+                (Some(slot), seen)
+            }
+            None => (None, self.pool.as_ref().map_or_else(|| self.renderer.truth(&exposure), |p| p.truth(n))),
+        };
+        self.tell(n, seen, shift)?;
+
+        self.release(complete_ns, shift, held)?;
+        if !sleep_until(complete_ns, shift.stop) {
+            return Ok(());
+        }
+        let header = |complete_ns: u64| FrameHeader {
+            trigger_id,
+            stamps: Stamps {
+                mid_exposure_ns: mid_ns,
+                mid_exposure_host_ns: mid_ns,
+                frame_complete_ns: complete_ns,
+                ..Stamps::default()
+            },
+            exposure_ns: self.exposure_ns,
+            block_id: n,
+            gain_db: self.camera.gain_db,
+            width: self.camera.model.width,
+            height: self.camera.model.height,
+            stride: self.camera.model.width,
+            pixel_format: self.camera.pixel_format.pfnc(),
+            ..FrameHeader::default()
+        };
+        let now = MonotonicClock.now().as_ns();
+        match (slot, fate.truncated) {
+            (Some(mut slot), _) => {
+                *slot.header_mut() = header(now);
+                if fate.duplicated {
+                    self.duplicate(&slot, shift)?;
+                }
+                if (fate.delay_ns > 0 || fate.reordered) && held.len() < HELD {
+                    // A reordered frame is let go a tenth of an interval after its successor.
+                    let reorder_ns = if fate.reordered { shift.interval_ns * 11 / 10 } else { 0 };
+                    held.push(Held { due_ns: now + fate.delay_ns.max(reorder_ns), slot });
+                    Ok(())
+                } else {
+                    shift.sink.deliver(camera, slot)
+                }
+            }
+            (None, Some(share)) => {
+                let part = ((bytes as f64 * share) as usize).clamp(1, bytes - 1);
+                match shift.sink.loan_bytes(camera, part) {
+                    Ok(mut slot) => {
+                        *slot.header_mut() = header(now);
+                        shift.sink.deliver(camera, slot)
+                    }
+                    Err(BusError::NoSlot { .. }) => shift.sink.lost(camera, trigger_id, LossReason::NoSlot),
+                    Err(e) => Err(e),
+                }
+            }
+            (None, None) => {
+                let reason = if fate.dropped { LossReason::Dropped } else { LossReason::NoSlot };
+                shift.sink.lost(camera, trigger_id, reason)
+            }
+        }
+    }
+
+    fn exposure(&self, n: u64, desync_ns: i64, shift: &Shift<'_>) -> Exposure {
+        Exposure {
+            frame: n,
+            mid_s: (n * shift.interval_ns) as f64 * 1e-9 + desync_ns as f64 * 1e-9,
+            length_s: self.exposure_ns as f64 * 1e-9,
+        }
+    }
+
+    /// Delivers the same frame a second time: a fault, so it may cost a copy.
+    fn duplicate(&self, slot: &FrameSlot, shift: &Shift<'_>) -> Result<(), BusError> {
+        let Ok(mut twin) = shift.sink.loan(self.camera.index) else { return Ok(()) };
+        twin.bytes_mut().copy_from_slice(slot.bytes());
+        *twin.header_mut() = *slot.header();
+        shift.sink.deliver(self.camera.index, twin)
+    }
+
+    /// Delivers held frames that are due before `until_ns`, each at its time.
+    fn release(&self, until_ns: u64, shift: &Shift<'_>, held: &mut Vec<Held>) -> Result<(), BusError> {
+        while let Some(index) =
+            (0..held.len()).filter(|i| held[*i].due_ns <= until_ns).min_by_key(|i| held[*i].due_ns)
+        {
+            let Held { due_ns, mut slot } = held.swap_remove(index);
+            sleep_until(due_ns, shift.stop);
+            slot.header_mut().stamps.frame_complete_ns = MonotonicClock.now().as_ns();
+            shift.sink.deliver(self.camera.index, slot)?;
+        }
+        Ok(())
+    }
+
+    /// Tells the truth of trigger `n`, as far as this camera sees it.
+    fn tell(&mut self, n: u64, seen: CameraTruth, shift: &Shift<'_>) -> Result<(), BusError> {
+        let (ball, round) = match &self.pool {
+            Some(pool) => pool.ball(n),
+            None => (self.renderer.ball_at((n * shift.interval_ns) as f64 * 1e-9), 0),
+        };
+        /// More flights than are rendered beforehand, so that their ids stay apart from round to round.
+        const FLIGHTS_A_ROUND: u64 = 1_000_000;
+        let truth = BallTruth {
+            trigger_id: shift.sink.first_trigger_id() + n,
+            mid_exposure_ns: shift.mid_ns(n),
+            flight_id: ball.map_or(0, |b| b.flight_id + round * FLIGHTS_A_ROUND),
+            position_m: ball.map_or([0.0; 3], |b| b.state.position.into()),
+            velocity_m_s: ball.map_or([0.0; 3], |b| b.state.velocity.into()),
+            spin_rad_s: ball.map_or([0.0; 3], |b| b.state.spin.into()),
+            present: u32::from(ball.is_some()),
+            ..BallTruth::default()
+        };
+        shift.truth.add(&truth, self.camera.index, seen)
+    }
+}
