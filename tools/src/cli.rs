@@ -42,6 +42,8 @@ enum Command {
     Demo(commands::demo::Args),
     /// Start the processes of a rig, watch them, restart those that die, stop all in order.
     Up(commands::up::Args),
+    /// Publish frames of all cameras: of a synthetic scene.
+    Capture(commands::capture::Args),
     /// Find what may be the ball in each camera's frames.
     Segment(commands::segment::Args),
     /// Find the ball's position at each trigger from the detections of all cameras.
@@ -75,6 +77,7 @@ impl Cli {
         match self.command {
             Command::Demo(args) => commands::demo::run(&args),
             Command::Up(args) => commands::up::run(&args),
+            Command::Capture(args) => commands::capture::run(&args),
             Command::Segment(args) => commands::segment::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),

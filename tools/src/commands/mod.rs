@@ -1,6 +1,7 @@
 //! One file a subcommand: its `Args`, and `run`.
 
 pub mod calib;
+pub mod capture;
 pub mod compare;
 pub mod demo;
 pub mod latency;

@@ -83,9 +83,8 @@ impl Canvas {
         }
     }
 
-    /// Opens the tiles that `rect` touches: new ones begin as the background times `gain`. `opened` is
-    /// called with the column and row of each new tile.
-    pub fn open(&mut self, rect: &Rect, background: &[u8], gain: f32, mut opened: impl FnMut(usize, usize)) {
+    /// Opens the tiles that `rect` touches: new ones begin as the background times `gain`.
+    pub fn open(&mut self, rect: &Rect, background: &[u8], gain: f32) {
         let (columns, rows) = rect.within(self.width, self.height);
         if columns.is_empty() || rows.is_empty() {
             return;
@@ -104,7 +103,6 @@ impl Canvas {
                         *mean = f32::from(*base) * gain;
                     }
                 }
-                opened(tx, ty);
             }
         }
     }
@@ -123,6 +121,11 @@ impl Canvas {
     /// The means of a row.
     pub fn row(&self, y: usize) -> &[f32] {
         &self.means[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The means of a row.
+    pub fn row_mut(&mut self, y: usize) -> &mut [f32] {
+        &mut self.means[y * self.width..(y + 1) * self.width]
     }
 
     /// The mean of a pixel.

@@ -13,7 +13,7 @@ use super::{
     layer::{Layer, Share},
     noise::{Developer, hash},
     outline::{Outline, Seen},
-    rays::RayTable,
+    rays::{RayTable, TILE},
 };
 use crate::synthetic::{
     flight::{BallTrack, TABLE_HALF_LENGTH_M, TABLE_HALF_WIDTH_M, TrackPoint},
@@ -39,10 +39,11 @@ pub struct FrameRenderer {
     view: View,
     developer: Developer,
     canvas: Canvas,
-    bodies: Vec<Actor>,
+    actors: Vec<Actor>,
+    /// Places of the actors in the picture, the farthest first.
+    order: Vec<usize>,
     ball: Vec<Outline>,
     ball_layer: Layer,
-    layer: Layer,
 }
 
 /// The camera, and what stands still before it.
@@ -54,11 +55,18 @@ struct View {
     backdrop: Backdrop,
 }
 
-#[derive(Debug, Clone, Copy)]
+/// A body that is not the ball. What it adds to the picture is kept and only renewed 25 times a second,
+/// each body's at its own instants: players are large, and slow beside the ball.
+#[derive(Debug, Default)]
 struct Actor {
-    outline: Outline,
-    paint: Paint,
+    /// Which of its instants the layer is of.
+    step: Option<i64>,
+    outline: Option<Outline>,
+    layer: Layer,
 }
+
+/// Time between the renewals of a body, s.
+const RENEWED_S: f64 = 0.04;
 
 /// The ball's path over an exposure is sampled every pixel: with the pixel's and the lens's blur, which
 /// together are never narrower than half a pixel, no ripple of the sampling is left.
@@ -86,10 +94,10 @@ impl FrameRenderer {
             },
             developer: Developer::new(&scene.noise, seed),
             canvas: Canvas::new(width, height, camera.pixel_format),
-            bodies: Vec::with_capacity(scene.cast.size()),
+            actors: (0..scene.cast.size()).map(|_| Actor::default()).collect(),
+            order: Vec::with_capacity(scene.cast.size()),
             ball: Vec::with_capacity(MAX_SAMPLES),
             ball_layer: Layer::with_room(LAYER_PIXELS),
-            layer: Layer::with_room(LAYER_PIXELS),
             scene: Arc::clone(scene),
         }
     }
@@ -170,44 +178,61 @@ impl FrameRenderer {
     fn compose(&mut self, exposure: &Exposure, gain: u16) -> CameraTruth {
         let gain = f32::from(gain) / 256.0;
         self.canvas.clear();
-        self.find_bodies(exposure.mid_s);
-        let truth = self.find_ball(exposure);
-        let Self { scene, view, canvas, bodies, ball, ball_layer, layer, .. } = self;
+        self.renew_actors(exposure.mid_s);
+        let seen = self.find_ball(exposure);
+        let Self { scene, view, canvas, actors, order, ball, ball_layer, .. } = self;
         let mut painter = Painter { scene, view, canvas, gain };
-        if let Some(centre) = truth.centre {
+        if let Some(centre) = seen.centre {
             painter.shadow(&centre);
         }
         let mut whole = 0.0;
-        let ball_depth = ball.first().map_or(f64::INFINITY, |o| o.depth_m);
-        let behind = bodies.partition_point(|b| b.outline.depth_m > ball_depth);
-        for (index, actor) in bodies.iter().enumerate() {
-            if index == behind && !ball.is_empty() {
-                whole = painter.paint(ball, &scene.ball, ball_layer) + painter.outside(ball);
-            }
-            painter.paint(std::slice::from_ref(&actor.outline), &actor.paint, layer);
-            if index >= behind && !ball.is_empty() {
-                ball_layer.hide_behind(layer);
-            }
+        let ball_depth = ball.first().map_or(f64::NEG_INFINITY, |o| o.depth_m);
+        let depth = |actor: &Actor| actor.outline.as_ref().map_or(0.0, |o| o.depth_m);
+        let behind = order.partition_point(|i| depth(&actors[*i]) > ball_depth);
+        for actor in &order[..behind] {
+            painter.paint(&actors[*actor].layer);
         }
-        if behind == bodies.len() && !ball.is_empty() {
-            whole = painter.paint(ball, &scene.ball, ball_layer) + painter.outside(ball);
+        if !ball.is_empty() {
+            whole = painter.lay(ball, &scene.ball, ball_layer) + painter.outside(ball);
+            painter.paint(ball_layer);
+        }
+        for actor in &order[behind..] {
+            painter.paint(&actors[*actor].layer);
+            ball_layer.hide_behind(&actors[*actor].layer);
         }
         let visible = if whole > 0.0 { (ball_layer.shown() / whole).clamp(0.0, 1.0) } else { 0.0 };
-        CameraTruth { u_px: truth.image.x, v_px: truth.image.y, visible }
+        CameraTruth { u_px: seen.image.x, v_px: seen.image.y, visible }
     }
 
-    /// Outlines of all bodies but the ball that may be in the picture, the farthest first.
-    fn find_bodies(&mut self, t_s: f64) {
-        let Self { scene, view, canvas, bodies, .. } = self;
-        bodies.clear();
-        scene.cast.bodies(t_s, scene.radius_m, |body| {
-            if let Some(outline) = view.outline(&body, scene.blur_px)
-                && in_frame(&outline.rect, canvas)
-            {
-                bodies.push(Actor { outline, paint: body.paint });
+    /// Lays the bodies whose time has come anew, and orders those in the picture.
+    fn renew_actors(&mut self, t_s: f64) {
+        let Self { scene, view, canvas, actors, order, .. } = self;
+        order.clear();
+        let count = actors.len();
+        for (index, actor) in actors.iter_mut().enumerate() {
+            let offset = RENEWED_S * index as f64 / count as f64;
+            let step = ((t_s + offset) / RENEWED_S).floor();
+            if actor.step != Some(step as i64) {
+                actor.step = Some(step as i64);
+                let body = scene.cast.body(index, step * RENEWED_S - offset, scene.radius_m);
+                actor.outline = body.and_then(|body| {
+                    let outline = view.outline(&body, scene.blur_px)?;
+                    in_frame(&outline.rect, canvas).then_some(outline)
+                });
+                if let (Some(outline), Some(body)) = (&actor.outline, body) {
+                    Painter { scene, view, canvas, gain: 1.0 }.lay(
+                        std::slice::from_ref(outline),
+                        &body.paint,
+                        &mut actor.layer,
+                    );
+                }
             }
-        });
-        bodies.sort_unstable_by(|a, b| b.outline.depth_m.total_cmp(&a.outline.depth_m));
+            if actor.outline.is_some() {
+                order.push(index);
+            }
+        }
+        let depth = |i: &usize| actors[*i].outline.as_ref().map_or(0.0, |o| o.depth_m);
+        order.sort_unstable_by(|a, b| depth(b).total_cmp(&depth(a)));
     }
 
     /// Outlines of the ball along its way, as many as its image's way needs.
@@ -261,7 +286,7 @@ impl View {
         Outline::new(&self.model, &self.camera_from_world, body, blur_px)
     }
 
-    /// A direction or normal of the camera's frame, in the world.
+    /// A direction of the camera's frame, in the world.
     fn to_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
         self.camera_from_world.rotation.inverse_transform_vector(v)
     }
@@ -278,31 +303,43 @@ struct Painter<'a> {
 impl Painter<'_> {
     /// Opens the tiles under `rect`.
     fn open(&mut self, rect: &Rect) {
-        let View { rays, backdrop, .. } = &mut *self.view;
-        self.canvas.open(rect, &backdrop.means, self.gain, |tx, ty| rays.make_known(tx, ty));
+        self.canvas.open(rect, &self.view.backdrop.means, self.gain);
     }
 
-    /// Paints a body that was at `outlines`, each for an equal share of the exposure. Returns the area of
-    /// its image inside the frame, hidden parts too, in px.
-    fn paint(&mut self, outlines: &[Outline], paint: &Paint, layer: &mut Layer) -> f64 {
+    /// Gathers what a body that was at `outlines`, each for an equal share of the exposure, gives to the
+    /// picture. Returns the area of its image inside the frame, hidden parts too, in px.
+    fn lay(&mut self, outlines: &[Outline], paint: &Paint, layer: &mut Layer) -> f64 {
         let Some(hull) = outlines.iter().map(|o| o.rect).reduce(|a, b| a.hull(&b)) else { return 0.0 };
-        for outline in outlines {
-            self.open(&outline.rect);
-        }
-        layer.reset(hull.within(self.canvas.width, self.canvas.height));
+        let (width, height) = (self.canvas.width, self.canvas.height);
+        layer.reset(hull.within(width, height));
         let share = 1.0 / outlines.len() as f64;
         let mut whole = 0.0;
         for outline in outlines {
+            self.view.rays.make_known(&outline.rect, width, height);
             whole += share * self.add(outline, paint, share as f32, layer);
         }
+        whole
+    }
+
+    /// Paints a layer over what is on the canvas.
+    fn paint(&mut self, layer: &Layer) {
         for y in layer.rows() {
-            let (x0, row) = layer.row_mut(y);
-            for (i, s) in row.iter().enumerate().filter(|(_, s)| s.coverage > 0.0) {
-                let mean = self.canvas.mean_mut(x0 + i, y);
-                *mean = *mean * (1.0 - s.coverage) + s.light;
+            let (x0, row) = layer.row(y);
+            // Only the tiles under what is covered are opened.
+            for (chunk, shares) in row.chunks(TILE / 2).enumerate() {
+                if shares.iter().all(|s| s.coverage == 0.0) {
+                    continue;
+                }
+                let x = x0 + chunk * (TILE / 2);
+                let y = y as i64;
+                let rect = Rect { x0: x as i64, y0: y, x1: (x + shares.len()) as i64, y1: y + 1 };
+                self.open(&rect);
+                let means = self.canvas.row_mut(y as usize);
+                for (mean, s) in means[x..].iter_mut().zip(shares) {
+                    *mean = *mean * (1.0 - s.coverage) + s.light * self.gain;
+                }
             }
         }
-        whole
     }
 
     /// Adds one outline to the layer; returns its area inside the frame.
@@ -334,7 +371,7 @@ impl Painter<'_> {
                 let coverage = seen.coverage as f32 * share;
                 let Share { coverage: c, light: l, shown } = &mut row[x - x0];
                 *c += coverage;
-                *l += coverage * light * self.gain;
+                *l += coverage * light;
                 *shown += coverage * clear;
             }
         }
@@ -367,7 +404,7 @@ impl Painter<'_> {
     /// What a point of a body sends to a pixel of this channel in full light, DN.
     fn light(&self, seen: &Seen, ray: [f32; 2], paint: &Paint, channel: usize) -> f32 {
         let light = self.scene.room.light();
-        let normal = self.view.to_world(&seen.normal);
+        let normal = seen.normal;
         let irradiance = light.on(&normal) as f32;
         let colour = match paint.texture {
             Texture::Plain => paint.colour,
@@ -420,7 +457,9 @@ impl Painter<'_> {
             let disc = Body::upright(centre, [reach, reach, 1e-3], self.scene.ball);
             let Some(outline) = self.view.outline(&disc, 0.5) else { continue };
             self.open(&outline.rect);
-            let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
+            let (width, height) = (self.canvas.width, self.canvas.height);
+            self.view.rays.make_known(&outline.rect, width, height);
+            let (columns, rows) = outline.rect.within(width, height);
             for y in rows {
                 for x in columns.clone() {
                     let ray = self.view.rays.row(y)[x];

@@ -46,11 +46,23 @@ impl Layer {
         (self.columns.start, &mut self.pixels[start..start + self.columns.len()])
     }
 
+    /// As [`Self::row_mut`].
+    pub fn row(&self, y: usize) -> (usize, &[Share]) {
+        if !self.rows.contains(&y) {
+            return (0, &[]);
+        }
+        let start = (y - self.rows.start) * self.columns.len();
+        (self.columns.start, &self.pixels[start..start + self.columns.len()])
+    }
+
     /// Hides what `nearer` covers.
-    pub fn hide_behind(&mut self, nearer: &mut Self) {
+    pub fn hide_behind(&mut self, nearer: &Self) {
+        if nearer.columns.start >= self.columns.end || self.columns.start >= nearer.columns.end {
+            return;
+        }
         for y in self.rows.start.max(nearer.rows.start)..self.rows.end.min(nearer.rows.end) {
             let (x0, row) = self.row_mut(y);
-            let (nearer_x0, nearer_row) = nearer.row_mut(y);
+            let (nearer_x0, nearer_row) = nearer.row(y);
             for (i, share) in nearer_row.iter().enumerate() {
                 if let Some(mine) = (nearer_x0 + i).checked_sub(x0).and_then(|i| row.get_mut(i)) {
                     mine.shown *= 1.0 - share.coverage;

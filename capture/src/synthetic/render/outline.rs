@@ -22,12 +22,17 @@ pub struct Outline {
     centre: Vector3<f64>,
     /// |c|² − 1.
     beyond: f64,
+    /// The unit sphere's normals to the world's, but for their length.
+    normal_to_world: Matrix3<f64>,
     /// ∂(normalised)/∂(pixel).
     by_pixel: Matrix2<f64>,
+    /// Below the first t a ray is certainly inside, above the second certainly outside.
+    edge_t: (f64, f64),
     /// Standard deviation of pixel and lens together, px.
     blur_px: f64,
     /// Image of its centre, px.
-    pub image: Vector2<f64>,
+    #[cfg(test)]
+    image: Vector2<f64>,
     /// Pixels that it may touch.
     pub rect: Rect,
     /// Depth of its centre, m.
@@ -41,9 +46,9 @@ pub struct Seen {
     pub coverage: f64,
     /// Depth (camera z), m.
     pub depth_m: f64,
-    /// Unit normal in the camera's frame.
+    /// Unit normal in the world.
     pub normal: Vector3<f64>,
-    /// The point in the unit sphere's coordinates.
+    /// The point in the unit sphere's coordinates; on the rim a little outside.
     pub on_body: Vector3<f64>,
 }
 
@@ -75,18 +80,25 @@ impl Outline {
         let half = projected.by_point * axes;
         let near = 1.1 * z / (z - reach);
         let margin = EDGE_SIGMAS * blur_px + 1.0;
+        // The smaller half-axis of the image bounds how fast t grows; a third is left for its changes.
+        let narrow_px = half.singular_values().min();
+        let edge = EDGE_SIGMAS * blur_px * 1.33 / narrow_px;
         let half = (half.row(0).norm() * near + margin, half.row(1).norm() * near + margin);
         let normalised = centre.coords.xy() / z;
         let (_, lens) = model.distort_with_jacobian(&normalised)?;
         let to_pixel = Matrix2::from_diagonal(&Vector2::new(model.fx, model.fy)) * lens;
         let to_unit = axes.try_inverse()?;
+        let normal_to_world = camera_from_world.rotation.matrix().tr_mul(&to_unit.transpose());
         let centre = to_unit * centre.coords;
         Some(Self {
             to_unit,
             centre,
             beyond: centre.norm_squared() - 1.0,
+            normal_to_world,
             by_pixel: to_pixel.try_inverse()?,
+            edge_t: ((1.0 - edge).max(0.3), 1.0 + edge),
             blur_px,
+            #[cfg(test)]
             image: projected.pixel,
             rect: Rect::around((projected.pixel.x, projected.pixel.y), half),
             depth_m: z,
@@ -104,11 +116,15 @@ impl Outline {
         }
         let h = dc * dc / dd - self.beyond;
         let t = (1.0 - h).max(0.0).sqrt();
-        let coverage = if t < 0.3 { 1.0 } else { self.coverage(t, &direction, dd, dc)? };
+        let (inside, outside) = self.edge_t;
+        if t > outside {
+            return None;
+        }
+        let coverage = if t < inside { 1.0 } else { self.coverage(t, &direction, dd, dc)? };
         let root = (dc * dc - dd * self.beyond).max(0.0).sqrt();
         let depth_m = (dc - root) / dd;
-        let on_body = (direction * depth_m - self.centre).normalize();
-        Some(Seen { coverage, depth_m, normal: a.tr_mul(&on_body).normalize(), on_body })
+        let on_body = direction * depth_m - self.centre;
+        Some(Seen { coverage, depth_m, normal: (self.normal_to_world * on_body).normalize(), on_body })
     }
 
     fn coverage(&self, t: f64, direction: &Vector3<f64>, dd: f64, dc: f64) -> Option<f64> {

@@ -1,6 +1,8 @@
 use nalgebra::Vector2;
 use netcord_common::camera::CameraModel;
 
+use super::canvas::Rect;
+
 /// Side of a tile, px: what is looked up, opened and restored at a time.
 pub const TILE: usize = 16;
 
@@ -27,8 +29,20 @@ impl RayTable {
         }
     }
 
-    /// Makes sure of the tile in column `tx` and row `ty` of the tiles.
-    pub fn make_known(&mut self, tx: usize, ty: usize) {
+    /// Makes sure of the rays of all pixels of `rect` that lie in the frame.
+    pub fn make_known(&mut self, rect: &Rect, width: usize, height: usize) {
+        let (columns, rows) = rect.within(width, height);
+        if columns.is_empty() || rows.is_empty() {
+            return;
+        }
+        for ty in rows.start / TILE..=(rows.end - 1) / TILE {
+            for tx in columns.start / TILE..=(columns.end - 1) / TILE {
+                self.make_tile_known(tx, ty);
+            }
+        }
+    }
+
+    fn make_tile_known(&mut self, tx: usize, ty: usize) {
         let tile = ty * self.columns + tx;
         if self.known[tile] {
             return;

@@ -113,6 +113,18 @@ impl Cast {
         self.decoys.len() + self.players.len() * PLAYER_BODIES
     }
 
+    /// Body `index` as it is at `t_s`; `radius_m` is the balls'.
+    pub fn body(&self, index: usize, t_s: f64, radius_m: f64) -> Option<Body> {
+        let (mut found, mut i) = (None, 0);
+        self.bodies(t_s, radius_m, |body| {
+            if i == index {
+                found = Some(body);
+            }
+            i += 1;
+        });
+        found
+    }
+
     /// Calls `body` for each body as it is at `t_s`; `radius_m` is the balls'.
     pub fn bodies(&self, t_s: f64, radius_m: f64, mut body: impl FnMut(Body)) {
         for decoy in &self.decoys {

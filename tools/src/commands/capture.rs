@@ -1,0 +1,117 @@
+//! `netcord capture`: frames from a source into shared memory, checked and counted.
+
+use std::{path::PathBuf, time::Duration};
+
+use netcord_capture::{
+    FrameSource,
+    synthetic::{
+        Fault, SyntheticOptions, SyntheticSource,
+        scene::{Preset, SceneOptions},
+    },
+};
+
+use super::RigArgs;
+use crate::{exit::CommandResult, stage};
+
+/// Publishes the frames of all cameras on camera/<name>/frame and the verdict on each trigger on rig/frameset,
+/// from a synthetic scene. Its truth travels in a domain of its own, <domain>-truth.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    rig: RigArgs,
+
+    /// Where frames come from.
+    #[arg(long, value_enum, default_value_t = SourceKind::Synthetic)]
+    source: SourceKind,
+
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    /// Exposures a second, in place of the rig file's.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+
+    /// Publish N frames rendered beforehand, round and round (400 where N is not given): for rates at which rendering would be what is
+    /// measured.
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "400")]
+    prerendered: Option<usize>,
+
+    /// Time from the end of an exposure until its frame is complete, in microseconds: what a camera's link takes.
+    #[arg(long, value_name = "US", default_value_t = 0)]
+    transfer_us: u64,
+
+    /// End after so many frames of each camera.
+    #[arg(long, value_name = "N")]
+    frames: Option<u64>,
+
+    /// Let something go wrong: KIND[,camera=NAME][,every=N|,p=SHARE][,us=MICROSECONDS][,share=SHARE], with KIND one of
+    /// drop, delay, duplicate, reorder, desync (exposed µs after the others), truncate (to a share of its bytes);
+    /// may be repeated.
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<Fault>,
+}
+
+/// Kinds of sources.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SourceKind {
+    /// A rendered scene.
+    Synthetic,
+}
+
+/// What a synthetic scene shows.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SceneArgs {
+    /// How hard it is: clean, normal, or hard (dim and changing light, a white ball among white things, 30 m/s, 6 ms
+    /// of exposure).
+    #[arg(long, value_name = "PRESET", default_value = "normal")]
+    scene: Preset,
+
+    /// The same seed gives the same frames.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+
+    /// Recorded flights in place of simulated rallies: a CSV file t,x,y,z (s, m, table frame) or a folder of them.
+    #[arg(long, value_name = "CSV")]
+    flights: Option<PathBuf>,
+
+    /// Length of the exposure in microseconds, in place of the scene's or the rig file's.
+    #[arg(long, value_name = "US")]
+    exposure_us: Option<u64>,
+}
+
+impl SceneArgs {
+    /// The options of the scene.
+    pub fn options(&self) -> SceneOptions {
+        SceneOptions {
+            preset: self.scene,
+            seed: self.seed,
+            flights: self.flights.clone(),
+            exposure_ns: self.exposure_us.map(|us| Duration::from_micros(us).as_nanos() as u64),
+        }
+    }
+}
+
+/// Runs `netcord capture`.
+pub fn run(args: &Args) -> CommandResult {
+    stage::run("capture", &args.rig, |stage| {
+        let mut source = source(args, &stage.rig)?;
+        netcord_capture::run(&stage.bus, &stage.rig, source.as_mut(), &stage.stop, &stage.counters)?;
+        Ok::<_, Box<dyn std::error::Error>>(())
+    })
+}
+
+fn source(
+    args: &Args,
+    rig: &netcord_common::rig::Rig,
+) -> Result<Box<dyn FrameSource>, Box<dyn std::error::Error>> {
+    let SourceKind::Synthetic = args.source;
+    let options = SyntheticOptions {
+        scene: args.scene.options(),
+        rate_hz: args.rate,
+        prerendered: args.prerendered,
+        transfer_ns: args.transfer_us * 1000,
+        frames: args.frames,
+        faults: args.faults.clone(),
+    };
+    Ok(Box::new(SyntheticSource::new(rig, options)?))
+}
