@@ -3,5 +3,6 @@
 mod bytes;
 pub mod genapi;
 pub mod gencp;
+pub mod stream;
 #[cfg(test)]
 mod testing;

@@ -322,6 +322,12 @@ impl Camera {
         events.chain(self.replies.iter().map(|(due, _)| *due)).min()
     }
 
+    /// The instant of the next event or acknowledge after `now`.
+    pub fn next_after(&self, now: u64) -> Option<u64> {
+        let events = self.events.iter().map(|(due, _)| *due);
+        events.chain(self.replies.iter().map(|(due, _)| *due)).filter(|due| *due > now).min()
+    }
+
     /// The instant of the next event of the sensor, acknowledges aside.
     pub fn next_exposure_event(&self) -> Option<u64> {
         self.events.iter().map(|(due, _)| *due).min()

@@ -1,1 +1,0 @@
-//! The server that shows emulated cameras to a real USB stack.

@@ -1,0 +1,114 @@
+#!/usr/bin/env bash
+# Boots a Linux guest in QEMU (software emulation, no KVM), attaches emulated USB3 Vision cameras to its
+# USB stack, and runs aravis and netcord against them. From the repository's root, without arguments.
+#
+#   PROFILE=dev   build with the dev profile instead of release
+#   ICOUNT=off    run the guest on the host's clock instead of virtual time, to let races happen
+#
+# Ends with 0 only when every row of the guest's report says `ok`.
+set -euo pipefail
+
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(dirname "$here")
+cache=${XDG_CACHE_HOME:-$HOME/.cache}/netcord/usb-guest
+profile=${PROFILE:-release}
+icount=${ICOUNT:-on}
+mkdir -p "$cache"
+
+fail() { echo "FAILED usb-guest: $*" >&2; exit 1; }
+for tool in apt-get apt-cache dpkg-deb python3 timeout cargo; do
+    command -v "$tool" >/dev/null || fail "$tool is missing on this machine"
+done
+
+# ---- what is needed of Debian, unpacked outside the repository ----------------------------------------
+kernel=$(apt-cache depends linux-image-amd64 2>/dev/null | awk '/Depends: linux-image/{print $2; exit}')
+if [ -z "$kernel" ]; then
+    apt-get -o DPkg::Lock::Timeout=300 update -qq || fail "apt-get update"
+    kernel=$(apt-cache depends linux-image-amd64 | awk '/Depends: linux-image/{print $2; exit}')
+fi
+[ -n "$kernel" ] || fail "no package linux-image-amd64"
+version() { apt-cache policy "$1" | awk '/Candidate:/{print $2}'; }
+key="$kernel $(version "$kernel") qemu $(version qemu-system-x86) aravis $(version aravis-tools-cli)"
+if [ "$(cat "$cache/key" 2>/dev/null)" != "$key" ]; then
+    echo "fetching and unpacking: $key"
+    rm -rf "$cache/debs" "$cache/tree" "$cache/vmlinux"
+    mkdir -p "$cache/debs" "$cache/tree"
+    # An installed qemu-utils may be newer than the repository's qemu and forbid it: leave it out.
+    names=$(apt-get install -s --no-install-recommends qemu-system-x86 qemu-utils- 2>/dev/null | awk '/^Inst/{print $2}')
+    guest=$(apt-get install -s --no-install-recommends busybox-static usbip usbutils aravis-tools-cli cpio kmod 2>/dev/null |
+        awk '/^Inst/{print $2}')
+    # shellcheck disable=SC2086
+    (cd "$cache/debs" && apt-get download -qq $(printf '%s\n' $names $guest qemu-system-x86 busybox-static usbip \
+        usbutils aravis-tools aravis-tools-cli libaravis-0.8-0 libusb-1.0-0 cpio kmod "$kernel" | sort -u)) ||
+        fail "packages cannot be downloaded"
+    for deb in "$cache"/debs/*.deb; do dpkg-deb -x "$deb" "$cache/tree"; done
+    rm -rf "$cache/debs"
+    # QEMU starts an uncompressed kernel by its PVH note, and is spared its slow decompression.
+    python3 - "$cache/tree/boot/vmlinuz-${kernel#linux-image-}" "$cache/vmlinux" <<'PY' || fail "the kernel cannot be unpacked"
+import lzma, sys
+image = open(sys.argv[1], "rb").read()
+at = image.index(b"\xfd7zXZ\x00")
+open(sys.argv[2], "wb").write(lzma.LZMADecompressor().decompress(image[at:]))
+PY
+    echo "$key" > "$cache/key"
+fi
+tree=$cache/tree
+
+# ---- what is under test -------------------------------------------------------------------------------
+cd "$root"
+if [ "$profile" = release ]; then flags=--release; out=target/release; else flags=; out=target/debug; fi
+# shellcheck disable=SC2086
+cargo build --quiet $flags -p netcord -p netcord-emulator -p netcord-tests --bins || fail "the build"
+
+# ---- the guest's root file system, all in memory --------------------------------------------------------
+work=$(mktemp -d "${TMPDIR:-/tmp}/netcord-usb-guest.XXXXXX")
+trap 'rm -rf "$work"' EXIT
+fs=$work/fs
+mkdir -p "$fs"/{bin,dev,proc,sys,tmp,run,etc,lib,lib64,mod,var/run/vhci_hcd,dev/shm}
+cp "$tree/bin/busybox" "$fs/bin/busybox"
+"$fs/bin/busybox" --list | while read -r applet; do [ -e "$fs/bin/$applet" ] || ln -s busybox "$fs/bin/$applet"; done
+for program in usr/sbin/usbip usr/bin/arv-tool-0.8 usr/bin/arv-camera-test-0.8 usr/bin/lsusb; do
+    [ -e "$tree/$program" ] || fail "$program is in none of the packages"
+    cp "$tree/$program" "$fs/bin/"
+done
+cp "$out/netcord" "$out/netcord-emulator" "$out/usb-scenarios" "$fs/bin/"
+search=$tree/usr/lib/x86_64-linux-gnu:$tree/lib/x86_64-linux-gnu:$tree/usr/lib
+for program in "$fs"/bin/{usbip,arv-tool-0.8,arv-camera-test-0.8,lsusb,netcord,netcord-emulator,usb-scenarios}; do
+    LD_LIBRARY_PATH=$search ldd "$program" | awk '/not found/{print "MISSING " $1} $3 ~ /^\//{print $3}'
+done | sort -u > "$work/libraries"
+! grep MISSING "$work/libraries" || fail "a library is in none of the packages"
+while read -r library; do cp -L "$library" "$fs/lib/"; done < "$work/libraries"
+cp -L /lib64/ld-linux-x86-64.so.2 "$fs/lib64/"
+modules=$tree/lib/modules/${kernel#linux-image-}/kernel/drivers/usb
+for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
+    found=$(ls "$modules/$module".ko* 2>/dev/null | head -1)
+    [ -n "$found" ] || fail "the kernel has no $module"
+    cp "$found" "$fs/mod/$(basename "$module").ko"
+done
+cp "$here/usb-guest/init.sh" "$fs/init"
+cp "$here"/usb-guest/*.toml "$fs/etc/"
+chmod +x "$fs/init"
+cpio=$(command -v cpio || echo "$tree/bin/cpio")
+(cd "$fs" && find . | "$cpio" -o -H newc --quiet > "$work/initrd")
+
+# ---- run ------------------------------------------------------------------------------------------------
+qemu=$tree/usr/bin/qemu-system-x86_64
+time_flags=(-icount shift=1,sleep=off)
+[ "$icount" = on ] || time_flags=()
+: > "$work/report"
+code=0
+LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout 330 \
+    "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max -smp 1 -m 1536 \
+    -kernel "$cache/vmlinux" -initrd "$work/initrd" \
+    -append "console=ttyS0 panic=-1 quiet mitigations=off" \
+    -nodefaults -display none -monitor none -serial "file:$work/console" -serial "file:$work/report" -no-reboot \
+    -device isa-debug-exit,iobase=0xf4,iosize=0x04 "${time_flags[@]}" || code=$?
+tr -d '\r' < "$work/report"
+# The guest ends QEMU with 2 × 5 + 1 when it came to the end of its list, whatever it found.
+if [ "$code" != 11 ]; then
+    tail -40 "$work/console" >&2
+    fail "the guest did not come to the end of its list (QEMU ended with $code)"
+fi
+! grep -q '^FAILED' "$work/report" || { tail -20 "$work/console" >&2; fail "rows above"; }
+grep -q '^ok' "$work/report" || fail "the guest reported nothing"
+echo "usb-guest: all rows ok"
