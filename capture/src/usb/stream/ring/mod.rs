@@ -77,9 +77,9 @@ impl<B: AsMut<[u8]>> Ring<B> {
         &mut self.assembler
     }
 
-    /// Puts `next` in the place of a unit's buffer, and gives the one that was there.
-    pub fn exchange(&mut self, unit: usize, next: B) -> B {
-        std::mem::replace(&mut self.units[unit].buffer, next)
+    /// A unit's buffer, to be read or replaced while none of its transfers is in flight.
+    pub fn buffer(&mut self, unit: usize) -> &mut B {
+        &mut self.units[unit].buffer
     }
 }
 
