@@ -86,7 +86,7 @@ for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
     cp "$found" "$fs/mod/$(basename "$module").ko"
 done
 cp "$here/usb-guest/init.sh" "$fs/init"
-cp "$here"/usb-guest/*.toml "$fs/etc/"
+cp "$here"/usb-guest/*.toml "$here/usb-guest/rows.sh" "$fs/etc/"
 chmod +x "$fs/init"
 cpio=$(command -v cpio || echo "$tree/bin/cpio")
 (cd "$fs" && find . | "$cpio" -o -H newc --quiet > "$work/initrd")

@@ -28,5 +28,5 @@ pub use discovery::{
     DeviceInfo, Discovery, DiscoveryError, Endpoints, FoundCamera, NotVision, VENDORS, discover, endpoints_of,
 };
 pub use matching::{Grid, Matched, TriggerMatcher};
-pub use settings::{InForce, apply, set_exposure, set_gain, set_rate, set_white_balance};
+pub use settings::{InForce, apply, is_host_triggered, set_exposure, set_gain, set_rate, set_white_balance};
 pub use source::{StampMeaning, UsbOptions, UsbSource};

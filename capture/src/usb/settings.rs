@@ -24,6 +24,13 @@ pub struct InForce {
     pub gain_db: f64,
 }
 
+/// Whether the host's command makes this camera expose: by role, or as the master of a rig whose other
+/// cameras wait for its strobe.
+pub const fn is_host_triggered(camera: &RigCamera) -> bool {
+    matches!(camera.trigger, TriggerRole::Software)
+        || (matches!(camera.trigger, TriggerRole::Hardware) && camera.master)
+}
+
 /// Ignores that a camera lacks a feature, or has it locked at the value that it has.
 fn optional(result: Result<(), FeatureError>) -> Result<(), FeatureError> {
     match result {
@@ -157,25 +164,20 @@ fn set_trigger(camera: &mut Camera, wanted: &RigCamera) -> Result<(), CameraErro
         CameraError::Feature(f) if f.is_absent() && wanted.trigger == TriggerRole::FreeRun => Ok(()),
         other => Err(other),
     })?;
-    match wanted.trigger {
-        TriggerRole::FreeRun => {}
-        TriggerRole::Software => {
-            set(camera, "TriggerSource", "Software")?;
-            set(camera, "TriggerMode", "On")?;
-        }
-        TriggerRole::Hardware => {
-            let line = wanted.line.as_deref().unwrap_or("Line0");
-            optional(camera.set("LineSelector", line))?;
-            optional(camera.set("LineMode", "Input"))?;
-            set(camera, "TriggerSource", line)?;
-            optional(camera.set("TriggerActivation", "RisingEdge"))?;
-            optional(camera.set("TriggerDelay", "0"))?;
-            set(camera, "TriggerMode", "On")?;
-        }
+    if is_host_triggered(wanted) {
+        set(camera, "TriggerSource", "Software")?;
+        set(camera, "TriggerMode", "On")?;
+    } else if wanted.trigger == TriggerRole::Hardware {
+        let line = wanted.line.as_deref().unwrap_or("Line0");
+        optional(camera.set("LineSelector", line))?;
+        optional(camera.set("LineMode", "Input"))?;
+        set(camera, "TriggerSource", line)?;
+        optional(camera.set("TriggerActivation", "RisingEdge"))?;
+        optional(camera.set("TriggerDelay", "0"))?;
+        set(camera, "TriggerMode", "On")?;
     }
-    if wanted.master
-        && let Some(line) = wanted.line.as_deref().filter(|_| wanted.trigger != TriggerRole::Hardware)
-    {
+    if wanted.master {
+        let line = wanted.line.as_deref().unwrap_or("Line1");
         set(camera, "LineSelector", line)?;
         optional(camera.set("LineMode", "Output"))?;
         set(camera, "LineSource", "ExposureActive")?;

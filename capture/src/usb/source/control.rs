@@ -13,7 +13,7 @@ use crate::{
         CameraError,
         device::Camera,
         genapi::FeatureError,
-        settings::{InForce, set_exposure, set_gain, set_rate, set_white_balance},
+        settings::{InForce, is_host_triggered, set_exposure, set_gain, set_rate, set_white_balance},
     },
 };
 
@@ -141,7 +141,7 @@ impl SourceControl for UsbControl {
                 self.answer(ControlStatus::Done, request.values, "")
             }
             Some(ControlCommand::Trigger) => self.each(request, |camera, _, index| {
-                if self.rig.cameras[index].trigger == TriggerRole::Software {
+                if is_host_triggered(&self.rig.cameras[index]) {
                     camera.execute("TriggerSoftware")?;
                 }
                 Ok(request.values)

@@ -20,7 +20,7 @@ use crate::{
         CameraError,
         clock::DeviceClock,
         device::Camera,
-        settings::{InForce, apply, set_rate},
+        settings::{InForce, apply, is_host_triggered, set_rate},
         stream::{Expected, FrameLoss, FramePlan, Ring},
         transfers::Stream,
     },
@@ -225,6 +225,7 @@ impl<'a> Keeper<'a> {
         self.start(stream, plan, news)?;
         let mut clock_due = MonotonicClock.now().as_ns();
         let mut silent = 0;
+        let waits_for_nobody = self.camera.trigger != TriggerRole::Hardware || self.camera.master;
         // A trigger that was sent is not sent again.
         let mut sent = 0;
         loop {
@@ -244,7 +245,7 @@ impl<'a> Keeper<'a> {
                 id = sent + 1;
                 at = grid.origin_ns + (id - grid.first.min(id)) * interval;
             }
-            let triggers = self.camera.trigger == TriggerRole::Software;
+            let triggers = is_host_triggered(self.camera);
             let housekeeping = now + 20_000_000;
             let until = if triggers { at.min(housekeeping) } else { housekeeping };
             let heard = self.wait(news, until);
@@ -278,8 +279,7 @@ impl<'a> Keeper<'a> {
             }
             // A slave is silent when nobody triggers it.
             let limit = (SILENCE_INTERVALS * interval).max(SILENCE_LEAST_NS) << silent.min(6);
-            if self.camera.trigger != TriggerRole::Hardware && now.saturating_sub(heard.last_frame_ns) > limit
-            {
+            if waits_for_nobody && now.saturating_sub(heard.last_frame_ns) > limit {
                 silent += 1;
                 state.counts.restarts.up();
                 tracing::warn!(camera = %count_name, "no frame for {} ms: the stream is restarted", limit / 1_000_000);
