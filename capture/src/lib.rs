@@ -6,11 +6,13 @@
 //! - [`run`] is the body of `netcord capture`.
 //! - [`usb`] drives USB3 Vision cameras.
 //! - [`FramesetAssembler`] gives the verdict on each trigger.
+//! - [`replay`] is a recording as a source.
 //! - [`recording`] reads and writes recordings, for replay and for `netcord process`.
 
 mod frameset;
 mod pace;
 pub mod recording;
+pub mod replay;
 mod run;
 mod sink;
 mod source;

@@ -60,3 +60,18 @@ pub fn set_fifo_priority(priority: i32) -> Result<(), RealtimeError> {
         Err(RealtimeError::Priority { priority, cause: std::io::Error::last_os_error() })
     }
 }
+
+/// Lets the present thread, and those it starts later, run only when the stages leave time: for processes
+/// that watch. `niceness` is from 1 to 19, the nicest.
+///
+/// # Errors
+/// [`RealtimeError::Priority`].
+pub fn step_back(niceness: i32) -> Result<(), RealtimeError> {
+    // SAFETY: the call takes plain numbers; 0 names the present thread.
+    let result = unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, niceness) };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(RealtimeError::Priority { priority: -niceness, cause: std::io::Error::last_os_error() })
+    }
+}

@@ -52,6 +52,18 @@ pub enum Place {
 }
 
 impl Place {
+    /// How many bytes.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::File(range) | Self::Chunk { range, .. } => range.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// The place of a part of these bytes.
     pub fn part(&self, part: Range<usize>) -> Self {
         let within = |whole: &Range<usize>| whole.start + part.start..whole.start + part.end;

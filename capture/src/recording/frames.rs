@@ -16,6 +16,17 @@ pub struct FramePixels {
     range: Range<usize>,
 }
 
+impl FramePixels {
+    /// The pixels at a place in the file itself; of one in a packed chunk, nothing.
+    pub fn mapped(footage: &Arc<Footage>, place: &Place) -> Self {
+        let range = match place {
+            Place::File(range) => range.clone(),
+            Place::Chunk { .. } => 0..0,
+        };
+        Self { footage: Arc::clone(footage), unpacked: None, range }
+    }
+}
+
 impl AsRef<[u8]> for FramePixels {
     fn as_ref(&self) -> &[u8] {
         match &self.unpacked {

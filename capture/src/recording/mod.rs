@@ -34,4 +34,4 @@ pub use protobuf::ProtobufError;
 pub use raw_image::RawImage;
 pub use triggers::{FilmedTrigger, group};
 pub use truth::{RecordedTruth, RecordedView};
-pub use writer::{ChannelId, RecordingWriter, Schema, WriterOptions};
+pub use writer::{ChannelId, MessageStamps, RecordingWriter, Schema, WriterOptions};

@@ -29,6 +29,17 @@ pub struct Schema {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ChannelId(u16);
 
+/// What a message says of itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MessageStamps {
+    /// The writer's count.
+    pub sequence: u32,
+    /// When it was recorded, ns.
+    pub log_ns: u64,
+    /// When it was published, ns.
+    pub publish_ns: u64,
+}
+
 /// How a recording is written.
 #[derive(Debug, Clone, Copy)]
 pub struct WriterOptions {
@@ -118,12 +129,10 @@ impl<P: AsRef<[u8]>> RecordingWriter<P> {
         Ok(writer)
     }
 
-    /// Adds a channel; the schema is shared by its name. A topic that is there already is that channel.
+    /// Adds a channel; one schema may serve several.
     pub fn channel(&mut self, topic: &str, schema: &Schema) -> ChannelId {
-        if let Some(known) = self.channels.iter().position(|c| c.topic == topic) {
-            return ChannelId(id(known));
-        }
-        let schema_id = match self.schemas.iter().position(|s| s.name == schema.name) {
+        let same = |s: &Schema| (&s.name, &s.data) == (&schema.name, &schema.data);
+        let schema_id = match self.schemas.iter().position(same) {
             _ if schema.name.is_empty() => 0,
             Some(known) => id(known) + 1,
             None => {
@@ -159,12 +168,27 @@ impl<P: AsRef<[u8]>> RecordingWriter<P> {
         let state = &mut self.channels[usize::from(channel.0)];
         let sequence = state.count;
         state.count = state.count.wrapping_add(1);
+        self.write_as(channel, MessageStamps { sequence, log_ns: time_ns, publish_ns: time_ns }, head, rest)
+    }
+
+    /// As [`Self::write`], with the sequence and times that the message already has.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_as(
+        &mut self,
+        channel: ChannelId,
+        stamps: MessageStamps,
+        head: &[u8],
+        rest: Option<P>,
+    ) -> Result<(), RecordingError> {
+        let MessageStamps { sequence, log_ns, publish_ns } = stamps;
         let offset = self.chunk.length as u64;
-        self.chunk.index.entry(channel.0).or_default().push((time_ns, offset));
+        self.chunk.index.entry(channel.0).or_default().push((log_ns, offset));
         let more = rest.as_ref().map_or(0, |rest| rest.as_ref().len());
         self.chunk.record(|out| {
             let body = Body::begin(out, op::MESSAGE).u16(channel.0).u32(sequence);
-            body.u64(time_ns).u64(time_ns).raw(head).end(more as u64);
+            body.u64(log_ns).u64(publish_ns).raw(head).end(more as u64);
         });
         if let Some(rest) = rest {
             self.chunk.large.push((self.chunk.small.len(), rest));

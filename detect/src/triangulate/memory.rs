@@ -139,7 +139,8 @@ impl Memory {
         }
         let velocity = (stp * n - sp * st) / determinant;
         let start = (sp - velocity * st) / n + last;
-        let t = (t_ns - last_ns) as f64 * 1e-9;
+        // Signed: the trigger of the last point may be looked at again, by another camera's stamp.
+        let t = t_ns.wrapping_sub(*last_ns).cast_signed() as f64 * 1e-9;
         Some(start + velocity * t + self.gravity * (0.5 * t * t))
     }
 

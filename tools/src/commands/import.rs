@@ -1,0 +1,175 @@
+//! `netcord import`: pictures become a recording, as if a camera with a colour mosaic had taken them.
+
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use netcord_capture::recording::{
+    RawImage, RecordingWriter, WriterOptions, calibration_message, camera_topic, transform_message,
+};
+use netcord_common::{CameraName, Channel, PixelFormat, rig::Rig};
+
+use crate::{
+    exit::{CommandResult, Outcome},
+    recording::{bytes_of, foxglove_schema, world_frame_id},
+};
+
+/// Turns pictures (PNG, JPEG) into a recording of raw frames. A folder of pictures is one camera; a folder of
+/// folders is one camera for each, named after it. Pictures go in the order of their names; the n-th of each camera
+/// has the same time stamp.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A folder of pictures, or of one folder a camera.
+    images: PathBuf,
+
+    /// The recording to be written.
+    #[arg(long, value_name = "F.mcap")]
+    out: PathBuf,
+
+    /// The mosaic: Mono8, BayerRG8, BayerBG8, BayerGB8 or BayerGR8.
+    #[arg(long, value_name = "FORMAT", default_value = "BayerRG8")]
+    format: PixelFormat,
+
+    /// Pictures a second.
+    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    rate: f64,
+
+    /// The camera's name, where IMAGES is one folder of pictures.
+    #[arg(long, value_name = "NAME", default_value = "camera")]
+    camera: CameraName,
+
+    /// A rig file, whose calibration and poses go into the recording.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
+}
+
+/// The first picture's stamp, ns: not zero, which messages keep for "not reached".
+const FIRST_NS: u64 = 1_000_000_000;
+
+/// Runs `netcord import`.
+pub fn run(args: &Args) -> CommandResult {
+    if !(args.rate.is_finite() && args.rate > 0.0) {
+        return Err(format!("--rate is {}; it must be above zero", args.rate).into());
+    }
+    let cameras = cameras(&args.images, &args.camera)?;
+    let rig = args.rig.as_deref().map(Rig::load).transpose()?;
+    let mut writer = RecordingWriter::<Vec<u8>>::create(&args.out, WriterOptions::default())?;
+    if let Some(rig) = &rig {
+        stand(&mut writer, rig, &cameras)?;
+    }
+    let schema = foxglove_schema::<foxglove::messages::RawImage>();
+    let channels: Vec<_> =
+        cameras.iter().map(|(name, _)| writer.channel(&camera_topic(name, "image"), &schema)).collect();
+    let longest = cameras.iter().map(|(_, pictures)| pictures.len()).max().unwrap_or(0);
+    for n in 0..longest {
+        let stamp_ns = FIRST_NS + (n as f64 * 1e9 / args.rate).round() as u64;
+        for ((name, pictures), channel) in cameras.iter().zip(&channels) {
+            let Some(path) = pictures.get(n) else { continue };
+            let picture = image::open(path)
+                .map_err(|e| format!("cannot read the picture {}: {e}", path.display()))?
+                .into_rgb8();
+            let pixels = mosaic(&picture, args.format);
+            let description = RawImage {
+                timestamp_ns: stamp_ns,
+                frame_id: name.to_string(),
+                width: picture.width(),
+                height: picture.height(),
+                step: picture.width(),
+                format: args.format,
+                data: 0..pixels.len(),
+            };
+            writer.write(*channel, stamp_ns, &description.head(), Some(pixels))?;
+        }
+    }
+    writer.finish()?;
+    let total = cameras.iter().map(|(_, pictures)| pictures.len()).sum::<usize>();
+    println!("{}: {total} pictures of {} cameras", args.out.display(), cameras.len());
+    Ok(Outcome::Good)
+}
+
+/// Calibration and poses of those cameras of the rig that have pictures.
+fn stand(
+    writer: &mut RecordingWriter<Vec<u8>>,
+    rig: &Rig,
+    cameras: &[(CameraName, Vec<PathBuf>)],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let parent = world_frame_id(rig);
+    let transforms = writer.channel("/tf", &foxglove_schema::<foxglove::messages::FrameTransform>());
+    for (name, _) in cameras {
+        let camera = rig
+            .camera(name)
+            .ok_or_else(|| format!("the rig {} has no camera {name}, of which there are pictures", rig.name))?;
+        let schema = foxglove_schema::<foxglove::messages::CameraCalibration>();
+        let channel = writer.channel(&camera_topic(name, "calibration"), &schema);
+        let calibration = calibration_message(FIRST_NS, name.as_str(), &camera.model);
+        writer.write(channel, FIRST_NS, &bytes_of(&calibration), None)?;
+        let transform = transform_message(FIRST_NS, &parent, name.as_str(), &camera.camera_from_world);
+        writer.write(transforms, FIRST_NS, &bytes_of(&transform), None)?;
+    }
+    Ok(())
+}
+
+fn cameras(folder: &Path, single: &CameraName) -> Result<Vec<(CameraName, Vec<PathBuf>)>, Box<dyn std::error::Error>> {
+    let here = pictures(folder)?;
+    if !here.is_empty() {
+        return Ok(vec![(single.clone(), here)]);
+    }
+    let mut cameras = Vec::new();
+    for path in sorted(folder)?.into_iter().filter(|p| p.is_dir()) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let pictures = pictures(&path)?;
+        if !pictures.is_empty() {
+            cameras.push((CameraName::new(name)?, pictures));
+        }
+    }
+    if cameras.is_empty() {
+        return Err(format!("{} has no pictures; PNG and JPEG files are read", folder.display()).into());
+    }
+    Ok(cameras)
+}
+
+fn pictures(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let is_picture = |path: &PathBuf| {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
+    };
+    Ok(sorted(folder)?.into_iter().filter(is_picture).collect())
+}
+
+fn sorted(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| format!("cannot read the folder {}: {e}", folder.display()))?;
+    let mut paths = entries.flatten().map(|e| e.path()).collect::<Vec<_>>();
+    paths.sort();
+    Ok(paths)
+}
+
+/// What a sensor behind the mosaic would have seen of the picture.
+fn mosaic(picture: &RgbImage, format: PixelFormat) -> Vec<u8> {
+    picture
+        .enumerate_pixels()
+        .map(|(x, y, pixel)| match format.channel_at(x as usize, y as usize) {
+            Channel::Red => pixel[0],
+            Channel::Green => pixel[1],
+            Channel::Blue => pixel[2],
+            // Rec. 601, as pictures are made grey everywhere.
+            Channel::Luma => {
+                let [r, g, b] = pixel.0.map(u32::from);
+                ((299 * r + 587 * g + 114 * b + 500) / 1000) as u8
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    #[test]
+    fn each_pixel_keeps_the_colour_of_its_filter() {
+        let picture = RgbImage::from_fn(4, 2, |x, y| Rgb([10 + x as u8, 20 + y as u8, 30]));
+        assert_eq!(mosaic(&picture, PixelFormat::BayerRG8), [10, 20, 12, 20, 21, 30, 21, 30]);
+        assert_eq!(mosaic(&picture, PixelFormat::BayerGB8), [20, 30, 20, 30, 10, 21, 12, 21]);
+    }
+}

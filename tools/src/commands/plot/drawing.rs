@@ -1,0 +1,192 @@
+use netcord_common::wire::{BallTrajectory, LandingKind};
+use plotters::{
+    coord::Shift,
+    drawing::{DrawingArea, DrawingAreaErrorKind},
+    prelude::*,
+};
+
+use super::content::Content;
+use crate::plot::{FONT, Painter};
+
+type Failed<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
+
+/// Half the table's width and length, and the net's height (ITTF Laws 2.1 and 2.2), m.
+const HALF_WIDTH: f64 = 0.7625;
+const HALF_LENGTH: f64 = 1.37;
+const NET_HEIGHT: f64 = 0.1525;
+/// Half the width of the net with its posts, m.
+const HALF_NET: f64 = 0.915;
+
+const FOUND: RGBColor = RGBColor(230, 110, 20);
+const TRUE: RGBColor = RGBColor(90, 90, 90);
+const PREDICTED: RGBColor = RGBColor(20, 110, 220);
+const LANDING: RGBColor = RGBColor(210, 20, 70);
+
+/// Three views of the scene, and the errors over time.
+pub(super) struct Drawing<'a> {
+    pub(super) content: &'a Content,
+    pub(super) predictions: Vec<&'a BallTrajectory>,
+}
+
+/// From a point of the table frame, m, to a point of the picture's plane, m.
+#[derive(Clone, Copy)]
+enum View {
+    Above,
+    Side,
+    Perspective,
+}
+
+impl View {
+    fn title(self) -> &'static str {
+        match self {
+            Self::Above => "from above (m)",
+            Self::Side => "from the side (m)",
+            Self::Perspective => "in perspective",
+        }
+    }
+
+    fn project(self, [x, y, z]: [f64; 3]) -> (f64, f64) {
+        match self {
+            Self::Above => (y, -x),
+            Self::Side => (y, z),
+            Self::Perspective => {
+                // An eye 5 m from the table's centre, to the side, behind one end and above.
+                let (eye, back) = ([3.2, -3.2, 2.2], (3.2_f64 * 3.2 * 2.0 + 2.2 * 2.2).sqrt());
+                let forward = eye.map(|e| -e / back);
+                let across = (forward[0].powi(2) + forward[1].powi(2)).sqrt();
+                let right = [forward[1] / across, -forward[0] / across, 0.0];
+                let up = [
+                    right[1] * forward[2],
+                    -right[0] * forward[2],
+                    right[0] * forward[1] - right[1] * forward[0],
+                ];
+                let seen = [x - eye[0], y - eye[1], z - eye[2]];
+                let dot = |a: [f64; 3]| a[0] * seen[0] + a[1] * seen[1] + a[2] * seen[2];
+                let depth = dot(forward).max(0.1);
+                (back * dot(right) / depth, back * dot(up) / depth)
+            }
+        }
+    }
+
+    /// What of the plane is shown at least.
+    fn frame(self) -> [(f64, f64); 2] {
+        match self {
+            Self::Above => [(-1.9, -1.0), (1.9, 1.0)],
+            Self::Side => [(-1.9, -0.3), (1.9, 1.0)],
+            Self::Perspective => [(-1.9, -0.9), (1.9, 1.1)],
+        }
+    }
+}
+
+impl Painter for Drawing<'_> {
+    fn paint<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
+        area.fill(&WHITE)?;
+        let (upper, lower) =
+            if self.content.truth.is_empty() { (area.clone(), None) } else {
+                let (upper, lower) = area.split_vertically(1000);
+                (upper, Some(lower))
+            };
+        let (left, right) = upper.split_horizontally((70).percent_width());
+        let parts = left.split_evenly((2, 1));
+        self.view(&parts[0], View::Above)?;
+        self.view(&parts[1], View::Side)?;
+        self.view_and_legend(&right)?;
+        match lower {
+            Some(lower) => self.errors(&lower),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drawing<'_> {
+    fn view_and_legend<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
+        let (picture, legend) = area.split_vertically((60).percent_height());
+        self.view(&picture, View::Perspective)?;
+        let entries = [
+            ("measured", FOUND),
+            ("truth", TRUE),
+            ("predicted, paler where less sure", PREDICTED),
+            ("landing point", LANDING),
+        ];
+        for (place, (text, colour)) in (0..).zip(entries) {
+            let y = 20 + 30 * place;
+            legend.draw(&Circle::new((30, y), 5, colour.filled()))?;
+            legend.draw(&Text::new(text, (48, y - 9), (FONT, 18)))?;
+        }
+        Ok(())
+    }
+
+    fn view<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, view: View) -> Result<(), Failed<B>> {
+        let found = self.content.positions.iter().map(|p| view.project(p.position_m)).collect::<Vec<_>>();
+        let truth = self.content.truth.values().map(|p| view.project(*p)).collect::<Vec<_>>();
+        let all = || found.iter().chain(&truth).copied().chain(view.frame());
+        let span = |pick: fn((f64, f64)) -> f64| {
+            let values = || all().map(pick);
+            let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+            // A wild outlier must not make the rest a dot.
+            (low.max(-4.0) - 0.05)..(high.min(4.0) + 0.05)
+        };
+        let mut chart = ChartBuilder::on(area)
+            .caption(view.title(), (FONT, 20))
+            .margin(12)
+            .set_label_area_size(LabelAreaPosition::Left, 40)
+            .set_label_area_size(LabelAreaPosition::Bottom, 28)
+            .build_cartesian_2d(span(|p| p.0), span(|p| p.1))?;
+        if !matches!(view, View::Perspective) {
+            chart.configure_mesh().light_line_style(TRANSPARENT).label_style((FONT, 14)).draw()?;
+        }
+        for outline in outlines() {
+            let line = outline.iter().map(|p| view.project(*p));
+            chart.draw_series(LineSeries::new(line, BLACK.mix(0.6).stroke_width(2)))?;
+        }
+        chart.draw_series(truth.iter().map(|p| Circle::new(*p, 2, TRUE.mix(0.7).filled())))?;
+        chart.draw_series(found.iter().map(|p| Circle::new(*p, 2, FOUND.filled())))?;
+        for prediction in &self.predictions {
+            let start = std::iter::once((prediction.position_m, 1.0));
+            let path = start.chain(prediction.path().iter().map(|p| (p.position_m, p.confidence)));
+            let points = path.map(|(p, sure)| (view.project(p), sure)).collect::<Vec<_>>();
+            for pair in points.windows(2) {
+                let shade = PREDICTED.mix(0.15 + 0.85 * pair[1].1.clamp(0.0, 1.0)).stroke_width(3);
+                chart.draw_series(LineSeries::new([pair[0].0, pair[1].0], shade))?;
+            }
+            if prediction.landing.kind != LandingKind::None.code() {
+                let [x, y] = prediction.landing.position_m;
+                let at = view.project([x, y, 0.0]);
+                chart.draw_series(std::iter::once(Cross::new(at, 6, LANDING.stroke_width(2))))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn errors<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
+        let errors = self.content.errors();
+        let last_s = errors.last().map_or(1.0, |(t, _)| t.max(0.1));
+        let mut sorted = errors.iter().map(|(_, e)| *e).collect::<Vec<_>>();
+        sorted.sort_by(f64::total_cmp);
+        let at = |q: f64| sorted.get((q * sorted.len().saturating_sub(1) as f64).round() as usize).copied();
+        let (median, p95) = (at(0.5).unwrap_or(0.0), at(0.95).unwrap_or(0.0));
+        let title = format!("error against the truth (mm): median {median:.2}, 95 % {p95:.2}");
+        let mut chart = ChartBuilder::on(area)
+            .caption(title, (FONT, 20))
+            .margin(12)
+            .set_label_area_size(LabelAreaPosition::Left, 40)
+            .set_label_area_size(LabelAreaPosition::Bottom, 28)
+            .build_cartesian_2d(0.0..last_s, 0.0..(2.0 * p95).max(1.0))?;
+        chart.configure_mesh().light_line_style(TRANSPARENT).x_desc("s").label_style((FONT, 14)).draw()?;
+        chart.draw_series(errors.iter().map(|p| Circle::new(*p, 2, FOUND.filled())))?;
+        Ok(())
+    }
+}
+
+/// Table, centre line and net.
+fn outlines() -> [Vec<[f64; 3]>; 3] {
+    let (x, y) = (HALF_WIDTH, HALF_LENGTH);
+    let flat = |points: &[(f64, f64)]| points.iter().map(|(x, y)| [*x, *y, 0.0]).collect::<Vec<_>>();
+    [
+        flat(&[(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]),
+        flat(&[(0.0, -y), (0.0, y)]),
+        [(-HALF_NET, 0.0), (HALF_NET, 0.0), (HALF_NET, NET_HEIGHT), (-HALF_NET, NET_HEIGHT), (-HALF_NET, 0.0)]
+            .map(|(x, z)| [x, 0.0, z])
+            .to_vec(),
+    ]
+}

@@ -1,0 +1,48 @@
+//! `netcord plot`: a recording as a picture, without any viewer.
+
+mod content;
+mod drawing;
+
+use std::path::PathBuf;
+
+use self::{content::Content, drawing::Drawing};
+use crate::{
+    exit::{CommandResult, Outcome},
+    plot,
+};
+
+/// Draws a recording's positions and predictions from above, from the side and in perspective, and the errors
+/// against the truth where the recording has it.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A recording with results, from `netcord record` or `netcord process --out`.
+    input: PathBuf,
+
+    /// The picture: SVG if its name ends so, else PNG; default: INPUT with .png at its end.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+
+    /// Instants whose prediction is drawn, in seconds from the recording's first position; default: five, evenly
+    /// spread over those that have one.
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',')]
+    at: Vec<f64>,
+}
+
+/// Runs `netcord plot`.
+pub fn run(args: &Args) -> CommandResult {
+    let out = args.out.clone().unwrap_or_else(|| args.input.with_extension("png"));
+    let content = Content::read(&args.input)?;
+    if content.positions.is_empty() && content.truth.is_empty() {
+        return Err(format!(
+            "{} has no positions; `netcord process {} --out RESULT.mcap` makes a recording that has",
+            args.input.display(),
+            args.input.display()
+        )
+        .into());
+    }
+    let predictions = content.predictions_at(&args.at);
+    let size = if content.truth.is_empty() { (1400, 1000) } else { (1400, 1300) };
+    plot::draw(&out, size, &Drawing { content: &content, predictions })?;
+    println!("{}: {} positions", out.display(), content.positions.len());
+    Ok(Outcome::Good)
+}

@@ -1,0 +1,189 @@
+use std::{
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use netcord_common::{
+    Clock, Count, HealthReporter, MonotonicClock,
+    bus::{Bus, BusError, FrameSubscriber, Listen, SequenceGaps, Subscriber, Topic, wait_any},
+    wire::{BallPosition, BallTrajectory, BallTruth, Detections, ProcessState, SearchWindow},
+};
+
+use super::store::{Event, RecordedFrame, Store, Stored};
+use crate::{exit::Outcome, stage::Stage};
+
+/// Frames of one camera that may wait for the disk in shared memory, beside the bus's own queue: one less
+/// than a reader may hold.
+const HELD: usize = 7;
+
+/// How long the loop waits before it looks at the shutdown flag again.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// How often losses are told while they happen.
+const TELL: Duration = Duration::from_secs(5);
+
+/// The reading ends of everything that is recorded.
+pub(super) struct Gather {
+    cameras: Vec<CameraEnds>,
+    positions: Subscriber<BallPosition>,
+    trajectories: Subscriber<BallTrajectory>,
+    truth: Option<Subscriber<BallTruth>>,
+    health: HealthReporter,
+    frames: Count,
+    messages: Count,
+    lost_frames: Count,
+    lost_messages: Count,
+}
+
+struct CameraEnds {
+    frames: Option<FrameSubscriber>,
+    detections: Subscriber<Detections>,
+    windows: Subscriber<SearchWindow>,
+    /// The last two windows: detections of a trigger were searched with the one made before it.
+    window: Option<SearchWindow>,
+    gaps: SequenceGaps,
+    held: Arc<AtomicUsize>,
+}
+
+impl Gather {
+    pub(super) fn attach(stage: &Stage, truth: Option<&Bus>, images: bool) -> Result<Self, BusError> {
+        let bus = &stage.bus;
+        let cameras = stage
+            .rig
+            .cameras
+            .iter()
+            .map(|camera| {
+                let topic = Topic::frames(&camera.name);
+                let queue = topic.limits().queue;
+                Ok(CameraEnds {
+                    frames: images.then(|| FrameSubscriber::open(bus, &topic, queue)).transpose()?,
+                    detections: bus.subscriber(&Topic::detections(&camera.name))?,
+                    windows: bus.subscriber(&Topic::window(&camera.name))?,
+                    window: None,
+                    gaps: SequenceGaps::new(),
+                    held: Arc::new(AtomicUsize::new(0)),
+                })
+            })
+            .collect::<Result<_, BusError>>()?;
+        let [frames, messages, lost_frames, lost_messages] =
+            ["frames", "messages", "lost_frames", "lost_messages"].map(|name| stage.counters.register(name));
+        Ok(Self {
+            cameras,
+            positions: bus.subscriber(&Topic::position())?,
+            trajectories: bus.subscriber(&Topic::trajectory())?,
+            truth: truth.map(|bus| bus.subscriber(&Topic::truth())).transpose()?,
+            health: HealthReporter::open(bus, "record", &stage.counters)?,
+            frames,
+            messages,
+            lost_frames,
+            lost_messages,
+        })
+    }
+
+    /// Hands everything to `store` until the end is asked for, the time is over, or the store gives up.
+    pub(super) fn run(
+        &mut self,
+        stage: &Stage,
+        store: &Store,
+        length: Option<Duration>,
+    ) -> Result<(), BusError> {
+        stage.counters.set_state(ProcessState::Running);
+        self.health.publish(MonotonicClock.now().as_ns())?;
+        let began = Instant::now();
+        let (mut told, mut told_at) = (0, Instant::now());
+        while !stage.stop.is_requested() && length.is_none_or(|l| began.elapsed() < l) && !store.has_ended() {
+            self.wait()?;
+            self.drain(store)?;
+            self.health.tick(MonotonicClock.now().as_ns())?;
+            let lost = self.lost_frames.get();
+            if lost > told && told_at.elapsed() > TELL {
+                tracing::warn!("the disk is too slow: {lost} frames lost so far");
+                (told, told_at) = (lost, Instant::now());
+            }
+        }
+        self.drain(store)?;
+        stage.counters.set_state(ProcessState::Stopping);
+        self.health.publish(MonotonicClock.now().as_ns())
+    }
+
+    fn wait(&self) -> Result<(), BusError> {
+        let mut ends: Vec<&dyn Listen> = vec![&self.positions, &self.trajectories];
+        for camera in &self.cameras {
+            if let Some(frames) = &camera.frames {
+                ends.push(frames);
+            }
+            ends.push(&camera.detections);
+        }
+        if let Some(truth) = &self.truth {
+            ends.push(truth);
+        }
+        wait_any(&ends, PATIENCE)
+    }
+
+    fn drain(&mut self, store: &Store) -> Result<(), BusError> {
+        for camera in &mut self.cameras {
+            while camera.held.load(Ordering::Acquire) < HELD
+                && let Some(frame) = camera.frames.as_ref().map_or(Ok(None), FrameSubscriber::receive)?
+            {
+                self.lost_frames.add(camera.gaps.see_frame(frame.header()));
+                let frame = RecordedFrame::hold(frame, &camera.held);
+                match store.offer(Event::Frame(frame)) {
+                    true => self.frames.up(),
+                    false => self.lost_frames.up(),
+                }
+            }
+            if let Some(window) = camera.windows.receive_newest()? {
+                camera.window = Some(window);
+            }
+            while let Some(detections) = camera.detections.receive()? {
+                // A window is for one trigger; one that is newer already is none of this frame's.
+                let stamp = detections.stamps.mid_exposure_ns;
+                let near = |w: &SearchWindow| w.mid_exposure_ns.abs_diff(stamp) < 5_000_000;
+                let window = camera.window.filter(near);
+                self.count(store.offer(Event::Detections(Box::new(detections), window)));
+            }
+        }
+        while let Some(position) = self.positions.receive()? {
+            self.count(store.offer(Event::Position(Box::new(position))));
+        }
+        while let Some(trajectory) = self.trajectories.receive()? {
+            self.count(store.offer(Event::Trajectory(Box::new(trajectory))));
+        }
+        while let Some(truth) = self.truth.as_ref().map_or(Ok(None), Subscriber::receive)? {
+            self.count(store.offer(Event::Truth(Box::new(truth))));
+        }
+        Ok(())
+    }
+
+    fn count(&self, stored: bool) {
+        if stored { self.messages.up() } else { self.lost_messages.up() }
+    }
+
+    /// Says what was recorded and what was lost.
+    pub(super) fn report(&self, out: &Path, stored: &Stored) -> Outcome {
+        println!(
+            "{}: {} frames, {} messages, {:.1} MB",
+            out.display(),
+            self.frames.get() - stored.frames_given_up,
+            self.messages.get(),
+            stored.bytes as f64 * 1e-6
+        );
+        let (frames, messages) = (self.lost_frames.get(), self.lost_messages.get());
+        if let Some(why) = &stored.failed {
+            eprintln!(
+                "netcord: recording ended early: {why}. {} is valid and holds all but the last {} messages that \
+                 had been gathered",
+                out.display(),
+                stored.messages_given_up
+            );
+        }
+        if frames + messages > 0 {
+            eprintln!("netcord: {frames} frames and {messages} messages were lost: the disk is too slow for this rate");
+        }
+        if stored.failed.is_some() || frames + messages > 0 { Outcome::Missed } else { Outcome::Good }
+    }
+}

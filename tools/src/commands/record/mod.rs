@@ -1,0 +1,79 @@
+//! `netcord record`: everything of a running rig into an MCAP file.
+
+mod gather;
+mod store;
+
+use std::{fs, path::PathBuf, time::Duration};
+
+use netcord_common::{DomainName, bus::Bus, realtime};
+use nix::sys::signal::{SigHandler, Signal, signal};
+
+use self::{gather::Gather, store::Store};
+use super::RigArgs;
+use crate::{
+    exit::{CommandResult, Outcome},
+    stage,
+};
+
+/// Records a running rig: raw frames with their headers, calibration, detections, positions, trajectories, and
+/// the scene for viewers. Attaches and detaches at any time, and never makes the pipeline wait: what the disk
+/// does not take is lost, counted and reported. Exit code 1 when something was lost.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The file to be written.
+    out: PathBuf,
+
+    #[command(flatten)]
+    rig: RigArgs,
+
+    /// End after so many seconds; default: on SIGINT or SIGTERM.
+    #[arg(long, value_name = "N")]
+    seconds: Option<f64>,
+
+    /// Leave the frames out: only results, a few kilobytes a trigger.
+    #[arg(long)]
+    no_images: bool,
+
+    /// Record the truth of a synthetic source too, from its domain <domain>-truth.
+    #[arg(long)]
+    truth: bool,
+
+    /// Replace OUT.mcap if it is there.
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// Stages come first: recording works with what time they leave.
+const NICENESS: i32 = 5;
+
+/// Runs `netcord record`.
+pub fn run(args: &Args) -> CommandResult {
+    if !args.overwrite && fs::metadata(&args.out).is_ok_and(|m| m.len() > 0) {
+        let out = args.out.display();
+        return Err(format!("{out} is there already; give another name, or --overwrite").into());
+    }
+    // At a file size limit the system would end this process; ignored, the write fails like any other.
+    // SAFETY: ignoring a signal installs no handler that could run code.
+    unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) }?;
+    let mut outcome = Outcome::Good;
+    stage::run("record", &args.rig, |stage| {
+        if let Err(e) = realtime::step_back(NICENESS) {
+            tracing::debug!("recording runs at ordinary priority: {e}");
+        }
+        let truth = args.truth.then(|| truth_bus(stage.bus.domain())).transpose()?;
+        let rig_text = fs::read_to_string(&args.rig.rig).unwrap_or_default();
+        let store = Store::begin(&args.out, &stage.rig, &rig_text, !args.no_images, args.truth)?;
+        let mut gather = Gather::attach(stage, truth.as_ref(), !args.no_images)?;
+        let ended = gather.run(stage, &store, args.seconds.map(Duration::from_secs_f64));
+        let stored = store.finish()?;
+        ended?;
+        outcome = gather.report(&args.out, &stored);
+        Ok::<_, Box<dyn std::error::Error>>(())
+    })?;
+    Ok(outcome)
+}
+
+fn truth_bus(domain: &DomainName) -> Result<Bus, Box<dyn std::error::Error>> {
+    let truth = DomainName::new(format!("{domain}-truth"))?;
+    Ok(Bus::join(&truth, "record")?)
+}

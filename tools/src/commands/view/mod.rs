@@ -1,0 +1,70 @@
+//! `netcord view`: a running rig in Foxglove or Lichtblick, over WebSocket.
+
+mod preview;
+mod show;
+
+use std::path::PathBuf;
+
+use foxglove::WebSocketServer;
+use netcord_common::{DomainName, realtime};
+
+use self::{preview::PreviewOptions, show::Show};
+use super::RigArgs;
+use crate::{exit::CommandResult, stage};
+
+/// Serves a running rig to viewers: small pictures of each camera with boxes and search windows, the 3D scene
+/// with the predicted path, latencies and losses. Open ws://HOST:PORT in Foxglove or Lichtblick; a layout for them
+/// lies in tools/foxglove/netcord.json. Costs the pipeline nothing: it reads in what time the stages leave, and
+/// makes pictures only for viewers that look at them.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The rig file.
+    rig: PathBuf,
+
+    /// The domain in which the rig's processes meet; default: the rig's name.
+    #[arg(long, env = "NETCORD_DOMAIN", value_name = "NAME")]
+    domain: Option<DomainName>,
+
+    /// The address on which viewers are served; 0.0.0.0 for all of this machine's.
+    #[arg(long, value_name = "HOST", default_value = "127.0.0.1")]
+    host: String,
+
+    /// The port on which viewers are served; 0 for any that is free.
+    #[arg(long, value_name = "PORT", default_value_t = 8765)]
+    port: u16,
+
+    /// Pictures a second of each camera, at most.
+    #[arg(long, value_name = "HZ", default_value_t = 10.0)]
+    preview_rate: f64,
+
+    /// Width of the pictures in pixels, at most.
+    #[arg(long, value_name = "PX", default_value_t = 640)]
+    preview_width: u32,
+}
+
+/// Stages come first.
+const NICENESS: i32 = 10;
+
+/// Runs `netcord view`.
+pub fn run(args: &Args) -> CommandResult {
+    if !(args.preview_rate.is_finite() && args.preview_rate > 0.0) {
+        return Err(format!("--preview-rate is {}; it must be above zero", args.preview_rate).into());
+    }
+    let rig_args = RigArgs { rig: args.rig.clone(), domain: args.domain.clone() };
+    let options = PreviewOptions { rate_hz: args.preview_rate, width: args.preview_width.max(16) };
+    stage::run("view", &rig_args, |stage| {
+        // Before the server starts its threads, so that they inherit it.
+        if let Err(e) = realtime::step_back(NICENESS) {
+            tracing::debug!("viewing runs at ordinary priority: {e}");
+        }
+        let server = WebSocketServer::new()
+            .name(format!("netcord {}", stage.rig.name))
+            .bind(&args.host, args.port)
+            .start_blocking()
+            .map_err(|e| format!("cannot serve viewers on {}:{}: {e}", args.host, args.port))?;
+        println!("ws://{}:{}", args.host, server.port());
+        let result = Show::attach(stage, options).and_then(|mut show| show.run(stage));
+        server.stop().wait_blocking();
+        result.map_err(Box::<dyn std::error::Error>::from)
+    })
+}
