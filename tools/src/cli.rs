@@ -50,6 +50,16 @@ enum Command {
     Triangulate(commands::triangulate::Args),
     /// Predict the ball's flight, live or over recorded flights.
     Predict(commands::predict::Args),
+    /// Record a running rig into an MCAP file.
+    Record(commands::record::Args),
+    /// Save what is whole of a recording that was cut off.
+    Recover(commands::recover::Args),
+    /// Turn pictures into a recording.
+    Import(commands::import::Args),
+    /// Draw a recording: from above, from the side, in perspective, errors.
+    Plot(commands::plot::Args),
+    /// Show a running rig in Foxglove or Lichtblick.
+    View(commands::view::Args),
     /// Run the stages over a recording: positions, detections, predictions, and a recording of them all.
     Process(commands::process::Args),
     /// Measure latencies, rates and losses of a running rig.
@@ -81,6 +91,11 @@ impl Cli {
             Command::Segment(args) => commands::segment::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),
+            Command::Record(args) => commands::record::run(&args),
+            Command::Recover(args) => commands::recover::run(&args),
+            Command::Import(args) => commands::import::run(&args),
+            Command::Plot(args) => commands::plot::run(&args),
+            Command::View(args) => commands::view::run(&args),
             Command::Process(args) => commands::process::run(&args),
             Command::Latency(args) => commands::latency::run(&args),
             Command::Listen(args) => commands::listen::run(&args),

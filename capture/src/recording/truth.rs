@@ -1,6 +1,11 @@
 use std::collections::BTreeMap;
 
-use netcord_common::{rig::Rig, wire::BallTruth};
+use nalgebra::Vector2;
+use netcord_common::{
+    geometry::Point,
+    rig::{Rig, RigCamera},
+    wire::{BallTruth, CameraTruth},
+};
 use serde::{Deserialize, Serialize};
 
 /// One message of `/truth/ball`: what the synthetic source knows of one trigger.
@@ -66,5 +71,38 @@ impl RecordedTruth {
             spin_rad_s: truth.spin_rad_s,
             cameras: rig.cameras.iter().map(|c| (c.name.to_string(), view(c.index.get()))).collect(),
         }
+    }
+
+    /// The truth as it would stand on the bus, for the trigger `trigger_id` of `rig`. Where the recording says
+    /// nothing of what cameras saw, a ball whose centre is inside the image counts as seen.
+    pub fn on_bus(&self, trigger_id: u64, rig: &Rig) -> BallTruth {
+        let mut truth = BallTruth {
+            trigger_id,
+            mid_exposure_ns: self.t_ns,
+            flight_id: self.flight_id,
+            position_m: self.position_m,
+            velocity_m_s: self.velocity_m_s,
+            spin_rad_s: self.spin_rad_s,
+            present: u32::from(self.present),
+            ..BallTruth::default()
+        };
+        for camera in &rig.cameras {
+            let recorded = self.cameras.get(camera.name.as_str());
+            truth.cameras[camera.index.get()] = match recorded {
+                Some(view) => CameraTruth { u_px: view.u_px, v_px: view.v_px, visible: view.visible },
+                None if self.cameras.is_empty() => self.seen_by(camera),
+                None => CameraTruth::default(),
+            };
+        }
+        truth
+    }
+
+    fn seen_by(&self, camera: &RigCamera) -> CameraTruth {
+        let [x, y, z] = self.position_m;
+        let in_camera = &camera.camera_from_world * Point::new(x, y, z);
+        let inside = |pixel: &Vector2<f64>| camera.model.contains(pixel);
+        camera.model.project(&in_camera).filter(inside).map_or_else(CameraTruth::default, |pixel| {
+            CameraTruth { u_px: pixel.x, v_px: pixel.y, visible: 1.0 }
+        })
     }
 }

@@ -28,7 +28,9 @@ impl FromStr for Pace {
             "readers" => Ok(Self::Readers),
             number => match number.parse::<f64>() {
                 Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Self::Factor(factor)),
-                _ => Err(format!("pace {text:?} is not known; valid are recorded, readers, or a factor such as 0.5")),
+                _ => Err(format!(
+                    "pace {text:?} is not known; valid are recorded, readers, or a factor such as 0.5"
+                )),
             },
         }
     }
@@ -78,7 +80,12 @@ impl Readers {
 
     /// Waits until `camera`'s segmenter has finished the trigger that lies so far back that `trigger_id`
     /// finds place in its queue.
-    pub(super) fn make_room(&mut self, camera: usize, trigger_id: u64, stop: &Shutdown) -> Result<(), BusError> {
+    pub(super) fn make_room(
+        &mut self,
+        camera: usize,
+        trigger_id: u64,
+        stop: &Shutdown,
+    ) -> Result<(), BusError> {
         let until = Instant::now() + NOBODY;
         loop {
             let subscriber = &self.detections[camera];
@@ -87,7 +94,10 @@ impl Readers {
                     self.finished[camera] = self.finished[camera].max(message.trigger_id);
                 }
             }
-            if self.finished[camera] + IN_FLIGHT >= trigger_id || stop.is_requested() || Instant::now() >= until {
+            if self.finished[camera] + IN_FLIGHT >= trigger_id
+                || stop.is_requested()
+                || Instant::now() >= until
+            {
                 return Ok(());
             }
             subscriber.wait(Duration::from_millis(2))?;

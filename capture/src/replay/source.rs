@@ -16,7 +16,9 @@ use super::{
 };
 use crate::{
     FrameSink, FrameSource, LossReason, SourceControl, SourceError,
-    recording::{FilmedFrame, FilmedTrigger, Footage, FramePixels, FrameReader, Place, RecordingError, group},
+    recording::{
+        FilmedFrame, FilmedTrigger, Footage, FramePixels, FrameReader, Place, RecordingError, group,
+    },
     source::response,
 };
 
@@ -70,7 +72,12 @@ impl SourceControl for Control {
                 ControlStatus::Done
             }
             Some(ControlCommand::Status) => ControlStatus::Done,
-            _ => return response(ControlStatus::NotSupported, "a recording is as it was recorded; start, stop and status are possible"),
+            _ => {
+                return response(
+                    ControlStatus::NotSupported,
+                    "a recording is as it was recorded; start, stop and status are possible",
+                );
+            }
         };
         ControlResponse {
             running: u32::from(self.running.load(Ordering::Relaxed)),
@@ -103,8 +110,7 @@ impl ReplaySource {
         let places = rig.cameras.iter().map(|camera| place(&camera.name)).collect::<Vec<_>>();
         let filmed = places.iter().flatten().map(|place| &footage.cameras[*place]).collect::<Vec<_>>();
         let triggers = group(&filmed, rig.tolerance_ns);
-        let control =
-            Arc::new(Control { running: AtomicBool::new(true), trigger_id: AtomicU64::new(0) });
+        let control = Arc::new(Control { running: AtomicBool::new(true), trigger_id: AtomicU64::new(0) });
         Ok(Self { footage, rig: rig.clone(), places, triggers, options, control })
     }
 
@@ -113,7 +119,8 @@ impl ReplaySource {
         &'a self,
         trigger: &'a FilmedTrigger,
     ) -> impl Iterator<Item = (CameraIndex, Option<&'a FilmedFrame>)> {
-        let known = self.rig.cameras.iter().zip(&self.places).filter_map(|(c, place)| Some((c.index, (*place)?)));
+        let known =
+            self.rig.cameras.iter().zip(&self.places).filter_map(|(c, place)| Some((c.index, (*place)?)));
         known.zip(&trigger.frames).map(|((index, place), frame)| {
             (index, frame.map(|frame| &self.footage.cameras[place].frames[frame]))
         })
@@ -123,8 +130,15 @@ impl ReplaySource {
         self.frames(trigger).filter_map(|(_, frame)| frame.map(|f| f.stamp_ns)).min()
     }
 
-    fn round(&self, sink: &FrameSink, stop: &Shutdown, round: Round, readers: &mut Option<Readers>) -> Result<(), SourceError> {
-        let places = self.triggers.iter().flat_map(|t| self.frames(t)).filter_map(|(_, f)| Some(f?.pixels.clone()));
+    fn round(
+        &self,
+        sink: &FrameSink,
+        stop: &Shutdown,
+        round: Round,
+        readers: &mut Option<Readers>,
+    ) -> Result<(), SourceError> {
+        let places =
+            self.triggers.iter().flat_map(|t| self.frames(t)).filter_map(|(_, f)| Some(f?.pixels.clone()));
         if self.is_packed() {
             // Unpacked ahead, so that it takes no time between frames.
             let places = places.collect::<Vec<_>>();
@@ -161,7 +175,9 @@ impl ReplaySource {
         readers: &mut Option<Readers>,
         pixels: &mut dyn Iterator<Item = Result<FramePixels, RecordingError>>,
     ) -> Result<(), SourceError> {
-        let Some(begin_ns) = self.triggers.first().and_then(|t| self.first_stamp_ns(t)) else { return Ok(()) };
+        let Some(begin_ns) = self.triggers.first().and_then(|t| self.first_stamp_ns(t)) else {
+            return Ok(());
+        };
         let mut late_by_pauses = 0;
         for trigger in &self.triggers {
             let id = trigger.id + round.id_offset;
@@ -171,7 +187,9 @@ impl ReplaySource {
                     sink.lost(camera, id, LossReason::Dropped)?;
                     continue;
                 };
-                let Some(pixels) = pixels.next().transpose().map_err(SourceError::failed)? else { return Ok(()) };
+                let Some(pixels) = pixels.next().transpose().map_err(SourceError::failed)? else {
+                    return Ok(());
+                };
                 let due_ns = match self.options.pace {
                     Pace::Factor(factor) => {
                         let after = (frame.stamp_ns - begin_ns) as f64 / factor;

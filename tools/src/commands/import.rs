@@ -95,9 +95,9 @@ fn stand(
     let parent = world_frame_id(rig);
     let transforms = writer.channel("/tf", &foxglove_schema::<foxglove::messages::FrameTransform>());
     for (name, _) in cameras {
-        let camera = rig
-            .camera(name)
-            .ok_or_else(|| format!("the rig {} has no camera {name}, of which there are pictures", rig.name))?;
+        let camera = rig.camera(name).ok_or_else(|| {
+            format!("the rig {} has no camera {name}, of which there are pictures", rig.name)
+        })?;
         let schema = foxglove_schema::<foxglove::messages::CameraCalibration>();
         let channel = writer.channel(&camera_topic(name, "calibration"), &schema);
         let calibration = calibration_message(FIRST_NS, name.as_str(), &camera.model);
@@ -108,7 +108,10 @@ fn stand(
     Ok(())
 }
 
-fn cameras(folder: &Path, single: &CameraName) -> Result<Vec<(CameraName, Vec<PathBuf>)>, Box<dyn std::error::Error>> {
+fn cameras(
+    folder: &Path,
+    single: &CameraName,
+) -> Result<Vec<(CameraName, Vec<PathBuf>)>, Box<dyn std::error::Error>> {
     let here = pictures(folder)?;
     if !here.is_empty() {
         return Ok(vec![(single.clone(), here)]);

@@ -4,14 +4,19 @@ pub mod calib;
 pub mod capture;
 pub mod compare;
 pub mod demo;
+pub mod import;
 pub mod latency;
 pub mod listen;
+pub mod plot;
 pub mod predict;
 pub mod process;
+pub mod record;
+pub mod recover;
 pub mod rig;
 pub mod segment;
 pub mod triangulate;
 pub mod up;
+pub mod view;
 
 use std::path::PathBuf;
 

@@ -40,7 +40,7 @@ pub struct Judged {
 
 /// Collects truth and results, and judges at the end.
 #[derive(Debug, Default)]
-pub(super) struct Judge {
+pub struct Judge {
     truths: BTreeMap<u64, Truth>,
     positions: BTreeMap<u64, Result<[f64; 3], NoPosition>>,
 }
@@ -53,7 +53,8 @@ struct Truth {
 }
 
 impl Judge {
-    pub(super) fn truth(&mut self, truth: &BallTruth) {
+    /// Takes in what is true of a trigger.
+    pub fn truth(&mut self, truth: &BallTruth) {
         let present = truth.present == 1;
         let seen = truth.cameras[..MAX_CAMERAS].iter().filter(|c| c.visible >= SEEN).count();
         let row = Truth {
@@ -64,7 +65,8 @@ impl Judge {
         self.truths.insert(truth.trigger_id, row);
     }
 
-    pub(super) fn position(&mut self, position: &BallPosition) {
+    /// Takes in what was found at a trigger.
+    pub fn position(&mut self, position: &BallPosition) {
         let outcome = match position.outcome() {
             PositionOutcome::Position => Ok(position.position_m),
             PositionOutcome::None(reason) => Err(reason),
@@ -81,7 +83,7 @@ impl Judge {
     }
 
     /// Judges the triggers `first` to `last`.
-    pub(super) fn judge(&self, first: u64, last: u64) -> (Vec<Judged>, Score) {
+    pub fn judge(&self, first: u64, last: u64) -> (Vec<Judged>, Score) {
         let mut rows = Vec::new();
         let mut without_position: BTreeMap<&'static str, u64> = BTreeMap::new();
         for (id, truth) in self.truths.range(first..=last) {

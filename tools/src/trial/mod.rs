@@ -9,7 +9,7 @@ mod running;
 mod setup;
 mod view;
 
-pub use judge::{Judged, Judgement};
+pub use judge::{Judge, Judged, Judgement, Score};
 pub use report::TrialReport;
 pub use running::{Trial, TrialError, run};
 pub use setup::{Scene, Setup};

@@ -81,11 +81,12 @@ impl View {
 impl Painter for Drawing<'_> {
     fn paint<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
         area.fill(&WHITE)?;
-        let (upper, lower) =
-            if self.content.truth.is_empty() { (area.clone(), None) } else {
-                let (upper, lower) = area.split_vertically(1000);
-                (upper, Some(lower))
-            };
+        let (upper, lower) = if self.content.truth.is_empty() {
+            (area.clone(), None)
+        } else {
+            let (upper, lower) = area.split_vertically(1000);
+            (upper, Some(lower))
+        };
         let (left, right) = upper.split_horizontally((70).percent_width());
         let parts = left.split_evenly((2, 1));
         self.view(&parts[0], View::Above)?;
@@ -185,8 +186,14 @@ fn outlines() -> [Vec<[f64; 3]>; 3] {
     [
         flat(&[(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]),
         flat(&[(0.0, -y), (0.0, y)]),
-        [(-HALF_NET, 0.0), (HALF_NET, 0.0), (HALF_NET, NET_HEIGHT), (-HALF_NET, NET_HEIGHT), (-HALF_NET, 0.0)]
-            .map(|(x, z)| [x, 0.0, z])
-            .to_vec(),
+        [
+            (-HALF_NET, 0.0),
+            (HALF_NET, 0.0),
+            (HALF_NET, NET_HEIGHT),
+            (-HALF_NET, NET_HEIGHT),
+            (-HALF_NET, 0.0),
+        ]
+        .map(|(x, z)| [x, 0.0, z])
+        .to_vec(),
     ]
 }

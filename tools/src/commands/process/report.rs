@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use netcord_capture::recording::Footage;
+use netcord_capture::recording::{Footage, RecordedTruth};
 use netcord_common::{
     rig::Rig,
     wire::{PositionOutcome, Verdict},
@@ -8,15 +8,20 @@ use netcord_common::{
 use serde::Serialize;
 
 use super::stages::{Exposure, Results};
+use crate::trial::{Judge, Score};
 
 /// What a run over a recording came to. It holds nothing that depends on the machine: the same recording
 /// gives the same report.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Report {
-    pub(super) triggers: u64,
+    /// Held against `/truth/ball`; absent where the recording has none.
+    #[serde(flatten)]
+    pub(super) score: Option<Score>,
+    /// All of the recording.
+    pub(super) triggers_processed: u64,
     pub(super) positions: u64,
     /// Why the other triggers have none.
-    pub(super) without_position: BTreeMap<String, u64>,
+    pub(super) reasons: BTreeMap<String, u64>,
     pub(super) frames: Frames,
     /// Triggers a second in the recording.
     pub(super) rate_hz: Option<f64>,
@@ -38,26 +43,36 @@ pub(super) struct Frames {
 /// Counts results as they come.
 pub(super) struct Tally {
     report: Report,
+    rig: Rig,
+    truth: BTreeMap<u64, RecordedTruth>,
+    judge: Judge,
+    /// The first and the last trigger that has a truth.
+    judged: Option<(u64, u64)>,
 }
 
 impl Tally {
     pub(super) fn new(rig: &Rig, footage: &Footage, interval_ns: Option<u64>) -> Self {
         Self {
             report: Report {
-                triggers: 0,
+                score: None,
+                triggers_processed: 0,
                 positions: 0,
-                without_position: BTreeMap::new(),
+                reasons: BTreeMap::new(),
                 frames: Frames::default(),
                 rate_hz: interval_ns.map(|ns| 1e9 / ns as f64),
                 cameras: rig.cameras.iter().map(|c| c.name.to_string()).collect(),
                 whole: footage.ending == netcord_capture::recording::Ending::Whole,
             },
+            rig: rig.clone(),
+            truth: footage.truth.iter().map(|truth| (truth.t_ns, truth.clone())).collect(),
+            judge: Judge::default(),
+            judged: None,
         }
     }
 
     pub(super) fn see(&mut self, exposure: &Exposure, results: &Results) {
         let report = &mut self.report;
-        report.triggers += 1;
+        report.triggers_processed += 1;
         let there = exposure.frames.iter().flatten().count() as u64;
         report.frames.published += there;
         report.frames.lost += exposure.frames.len() as u64 - there;
@@ -67,13 +82,30 @@ impl Tally {
         match results.position.as_ref().map(|p| p.outcome()) {
             Some(PositionOutcome::Position) => report.positions += 1,
             Some(PositionOutcome::None(reason)) => {
-                *report.without_position.entry(reason.name().to_owned()).or_default() += 1;
+                *report.reasons.entry(reason.name().to_owned()).or_default() += 1;
             }
             None => {}
         }
+        self.judge(exposure, results);
     }
 
-    pub(super) fn report(self) -> Report {
+    fn judge(&mut self, exposure: &Exposure, results: &Results) {
+        let stamps = exposure.frames.iter().flatten().map(|f| f.header.stamps.mid_exposure_ns);
+        let Some(t_ns) = stamps.min() else { return };
+        let id = exposure.trigger.id;
+        // The truth is of the trigger's instant, from which each exposure may lie a little off.
+        let slack = self.rig.tolerance_ns;
+        let near = self.truth.range(t_ns.saturating_sub(slack)..=t_ns.saturating_add(slack));
+        let Some((_, truth)) = near.min_by_key(|(t, _)| t.abs_diff(t_ns)) else { return };
+        self.judge.truth(&truth.on_bus(id, &self.rig));
+        if let Some(position) = &results.position {
+            self.judge.position(position);
+        }
+        self.judged = Some((self.judged.map_or(id, |(first, _)| first), id));
+    }
+
+    pub(super) fn report(mut self) -> Report {
+        self.report.score = self.judged.map(|(first, last)| self.judge.judge(first, last).1);
         self.report
     }
 }
@@ -83,13 +115,26 @@ impl Report {
     pub(super) fn print(&self) {
         println!(
             "{} triggers, {} positions; {} frames, {} missing, {} unsynchronised",
-            self.triggers,
+            self.triggers_processed,
             self.positions,
             self.frames.published,
             self.frames.lost,
             self.frames.unsynchronised
         );
-        for (reason, count) in &self.without_position {
+        if let Some(score) = &self.score {
+            let recall = score.recall.map_or("-".into(), |recall| format!("{:.2} %", recall * 100.0));
+            println!(
+                "  recall {recall} of {} findable balls, {} false positions",
+                score.findable, score.false_positions
+            );
+            if let Some(error) = score.error_mm {
+                println!(
+                    "  error: median {:.2} mm, 95 % {:.2} mm, RMS {:.2} mm",
+                    error.median, error.p95, error.rms
+                );
+            }
+        }
+        for (reason, count) in &self.reasons {
             println!("  {count} triggers without a position: {reason}");
         }
     }

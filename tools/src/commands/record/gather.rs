@@ -125,6 +125,8 @@ impl Gather {
     }
 
     fn drain(&mut self, store: &Store) -> Result<(), BusError> {
+        let (messages, lost_messages) = (&self.messages, &self.lost_messages);
+        let count = |stored: bool| if stored { messages.up() } else { lost_messages.up() };
         for camera in &mut self.cameras {
             while camera.held.load(Ordering::Acquire) < HELD
                 && let Some(frame) = camera.frames.as_ref().map_or(Ok(None), FrameSubscriber::receive)?
@@ -144,23 +146,19 @@ impl Gather {
                 let stamp = detections.stamps.mid_exposure_ns;
                 let near = |w: &SearchWindow| w.mid_exposure_ns.abs_diff(stamp) < 5_000_000;
                 let window = camera.window.filter(near);
-                self.count(store.offer(Event::Detections(Box::new(detections), window)));
+                count(store.offer(Event::Detections(Box::new(detections), window)));
             }
         }
         while let Some(position) = self.positions.receive()? {
-            self.count(store.offer(Event::Position(Box::new(position))));
+            count(store.offer(Event::Position(Box::new(position))));
         }
         while let Some(trajectory) = self.trajectories.receive()? {
-            self.count(store.offer(Event::Trajectory(Box::new(trajectory))));
+            count(store.offer(Event::Trajectory(Box::new(trajectory))));
         }
         while let Some(truth) = self.truth.as_ref().map_or(Ok(None), Subscriber::receive)? {
-            self.count(store.offer(Event::Truth(Box::new(truth))));
+            count(store.offer(Event::Truth(Box::new(truth))));
         }
         Ok(())
-    }
-
-    fn count(&self, stored: bool) {
-        if stored { self.messages.up() } else { self.lost_messages.up() }
     }
 
     /// Says what was recorded and what was lost.
@@ -182,7 +180,9 @@ impl Gather {
             );
         }
         if frames + messages > 0 {
-            eprintln!("netcord: {frames} frames and {messages} messages were lost: the disk is too slow for this rate");
+            eprintln!(
+                "netcord: {frames} frames and {messages} messages were lost: the disk is too slow for this rate"
+            );
         }
         if stored.failed.is_some() || frames + messages > 0 { Outcome::Missed } else { Outcome::Good }
     }
