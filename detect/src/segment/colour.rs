@@ -81,7 +81,7 @@ pub struct BallModel {
 
 /// The orange of table tennis balls against grey: about (0.95, 0.5, 0.12) of the light is thrown back.
 /// Sensors see it paler, and scenes are not grey: the spread says so.
-const ORANGE: BallModel = BallModel { mean: [0.55, -0.75], spread: 0.35, level: None };
+const ORANGE: BallModel = BallModel { mean: [0.6, -0.95], spread: 0.45, level: None };
 /// White throws back all alike.
 const WHITE: BallModel = BallModel { mean: [0.0, 0.0], spread: 0.22, level: None };
 
@@ -115,7 +115,8 @@ impl ColourModel {
         let light = *light;
         let format = self.format;
         self.models().map(move |model| {
-            let tolerance = (2.2 * model.spread).min(0.7);
+            // Half of the hue that sets an orange ball apart from grey must be there.
+            let tolerance = (2.2 * model.spread).min(0.5);
             let ratio = |i: usize, sign: f32| light.ratios[i] * (model.mean[i] + sign * tolerance).exp();
             let orange = model.mean[0] > 0.25;
             // White is told by being brighter than its surroundings; orange by hue.
@@ -129,7 +130,7 @@ impl ColourModel {
                 format,
                 &[
                     ([1.0, -0.5 * ratio(0, -1.0), 0.0], 0.0),
-                    ([-1.0, 0.5 * ratio(0, 1.0), 0.0], 0.0),
+                    ([-1.0, 0.5 * 1.6 * ratio(0, 1.0), 0.0], 0.0),
                     ([0.0, -0.5 * low_blue, 1.0], -1.0),
                     ([0.0, 0.5 * ratio(1, 1.0), -1.0], 0.0),
                     ([1.0, 0.5, 0.0], least * (light.ratios[0] + 1.0)),

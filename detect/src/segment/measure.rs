@@ -172,7 +172,10 @@ impl Scene<'_> {
             }
             let turned = start.place.turned(&light, turn);
             patch.light = start.place.light(&turned);
-            let Some(better) = fit(patch, found.sweep, found.moving, prior, &contrasts(patch)) else { break };
+            let Some(better) = fit(patch, found.sweep, found.moving, prior, &contrasts(patch, &found.sweep))
+            else {
+                break;
+            };
             if better.chi2 > found.chi2 {
                 break;
             }
@@ -268,7 +271,7 @@ fn in_bounds(sweep: &Sweep) -> bool {
 
 /// Fits with or without a path, as the pixels want it.
 fn fit_either(patch: &Patch, start: &Sweep, prior: &Prior) -> Option<Fit> {
-    let typical = contrasts(patch);
+    let typical = contrasts(patch, start);
     let moving = start.length > 0.7 * start.radius;
     let first = fit(patch, *start, moving, prior, &typical);
     match first {
@@ -294,12 +297,14 @@ fn fit_either(patch: &Patch, start: &Sweep, prior: &Prior) -> Option<Fit> {
     }
 }
 
-/// The size of the contrast by colour: the root mean square change over the patch's busier half, DN.
-fn contrasts(patch: &Patch) -> [f64; CHANNELS] {
+/// The size of the ball's contrast by colour: the root mean square change over the patch's busier half, DN,
+/// and where the ball covers a pixel only part of the time, so much more.
+fn contrasts(patch: &Patch, sweep: &Sweep) -> [f64; CHANNELS] {
+    let covered = f64::from(2.0 * sweep.radius / (2.0 * sweep.radius + sweep.length));
     patch.channels.each_ref().map(|samples| {
         let square =
             samples.seen.iter().zip(&samples.background).map(|(s, b)| f64::from(s - b).powi(2)).sum::<f64>();
-        (2.0 * square / (samples.len().max(1) as f64)).sqrt() + 5.0
+        ((2.0 * square / (samples.len().max(1) as f64)).sqrt() + 5.0) / covered
     })
 }
 

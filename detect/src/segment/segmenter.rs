@@ -248,7 +248,8 @@ impl Segmenter {
     fn prior(&self, window: &SearchWindow) -> Prior {
         let diameter = window.diameter_px as f32;
         if diameter > 1.0 {
-            Prior { radius: Some((0.5 * diameter, 0.1 * diameter)) }
+            // Prediction knows the depth to a few per cent.
+            Prior { radius: Some((0.5 * diameter, 0.03 * diameter + 0.15)) }
         } else {
             Prior::default()
         }

@@ -156,18 +156,7 @@ fn all_mosaics_and_grey() {
 
 #[test]
 fn probe() {
-    let flat = Style { lamp: [0.0; 3], ambient: [125.0; 3], ..Style::clean() };
-    println!("flat: {}", run(flat, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
-    let lit = Style { lamp: [200.0; 3], ambient: [25.0; 3], ..Style::clean() };
-    println!("lit: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
-    let lit = Style { lamp: [200.0; 3], ambient: [25.0; 3], backdrop: Backdrop::Stripes, ..Style::clean() };
-    println!("lit stripes: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
-    let lit = Style {
-        lamp: [200.0; 3],
-        ambient: [25.0; 3],
-        backdrop: Backdrop::Stripes,
-        read_noise2: 3.0,
-        ..Style::clean()
-    };
-    println!("lit stripes noise: {}", run(lit, BallColour::Orange, 1, 16, (12.0, 18.0), 0.0).line());
+    println!("cellar 15: {}", run(Style::cellar(), BallColour::White, 3, 14, (10.0, 20.0), 15.0).line());
+    println!("cellar 60: {}", run(Style::cellar(), BallColour::White, 3, 14, (10.0, 20.0), 60.0).line());
+    println!("hall 70: {}", run(Style::hall(), BallColour::Orange, 2, 14, (10.0, 20.0), 70.0).line());
 }

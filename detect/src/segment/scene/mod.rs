@@ -118,7 +118,7 @@ pub struct Flight {
 }
 
 pub const RADIUS_M: f64 = 0.02;
-const SUB: usize = 6;
+const SUB: usize = 4;
 
 impl Stage {
     /// The example rig's first camera, or a part of it `size` large around the middle.
@@ -236,10 +236,10 @@ impl Stage {
             p
         });
         let length = (ends[1] - ends[0]).norm();
-        let reach = 1.9 * RADIUS_M * self.camera.fx / flight.centre.z
+        let reach = 1.15 * RADIUS_M * self.camera.fx / flight.centre.z
             * (1.0 + (flight.centre.xy().norm() / flight.centre.z).powi(2))
             + 3.0;
-        let times = ((length * 3.0).ceil() as usize).clamp(1, 400);
+        let times = ((length * 2.0).ceil() as usize).clamp(1, 400);
         let low = ends[0].inf(&ends[1]).map(|v| (v - reach).floor().max(0.0) as usize);
         let x_end = ((ends[0].x.max(ends[1].x) + reach).ceil().max(0.0) as usize).min(width);
         let y_end = ((ends[0].y.max(ends[1].y) + reach).ceil().max(0.0) as usize).min(height);
@@ -248,6 +248,12 @@ impl Stage {
             self.rig.cameras[0].camera_from_world.rotation * Vector3::new(0.25, -0.3, 1.0_f64).normalize();
         for y in low.y..y_end {
             for x in low.x..x_end {
+                let here = Vector2::new(x as f64, y as f64);
+                let along = ends[1] - ends[0];
+                let t = ((here - ends[0]).dot(&along) / along.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+                if (here - ends[0] - along * t).norm() > reach {
+                    continue;
+                }
                 let (mut covered, mut sum) = (0.0_f32, [0.0_f32; 3]);
                 for i in 0..SUB * SUB {
                     let offset = |k: usize| (k as f64 + 0.5) / SUB as f64 - 0.5;
@@ -256,7 +262,7 @@ impl Stage {
                     // Instants spread differently in every sub-pixel: together they are dense.
                     let n = times.div_ceil(4);
                     for t in 0..n {
-                        let phase = ((i * 13 % 36) as f64 + 0.5) / 36.0;
+                        let phase = ((i * 7 % 16) as f64 + 0.5) / 16.0;
                         let t = (t as f64 + phase) / n as f64 - 0.5;
                         let centre = flight.centre + flight.path * t;
                         let along = ray.dot(&centre);
