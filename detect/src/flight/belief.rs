@@ -1,6 +1,6 @@
 //! A state with its covariance: what is believed of the ball at one instant.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::physics::{STATE, State, StateMatrix};
 
@@ -11,11 +11,16 @@ pub struct Belief {
     pub mean: State,
     /// The covariance.
     pub covariance: StateMatrix,
+    /// Spin with which the flight began, before bounces changed it, rad/s: a fixed-point smoother
+    /// (Anderson & Moore 1979, §7.2) beside the filter.
+    pub struck_spin: Vector3<f64>,
+    /// Covariance of [`Self::struck_spin`] with the state.
+    pub struck_cross: SMatrix<f64, 3, STATE>,
 }
 
 impl Default for Belief {
     fn default() -> Self {
-        Self { mean: State::zeros(), covariance: StateMatrix::zeros() }
+        Self::new(State::zeros(), StateMatrix::zeros())
     }
 }
 
@@ -29,6 +34,16 @@ pub struct Agreement {
 }
 
 impl Belief {
+    /// At the beginning of a flight.
+    pub fn new(mean: State, covariance: StateMatrix) -> Self {
+        Self {
+            mean,
+            covariance,
+            struck_spin: mean.fixed_rows::<3>(6).into_owned(),
+            struck_cross: covariance.fixed_rows::<3>(6).into_owned(),
+        }
+    }
+
     /// Mean position, m.
     pub fn position(&self) -> Vector3<f64> {
         self.mean.fixed_rows::<3>(0).into_owned()
@@ -53,6 +68,7 @@ impl Belief {
     pub(super) fn map(&mut self, mean: State, f: &StateMatrix) {
         self.mean = mean;
         self.covariance = f * self.covariance * f.transpose();
+        self.struck_cross *= f.transpose();
     }
 
     /// How well a position with covariance `r` agrees; `None` where the covariances are degenerate.
@@ -69,8 +85,13 @@ impl Belief {
     pub fn take_in(&mut self, position: &Vector3<f64>, r: &Matrix3<f64>) {
         let Some(chol) = (self.position_covariance() + r).cholesky() else { return };
         let to_position = self.covariance.fixed_view::<STATE, 3>(0, 0).into_owned();
-        let gain = to_position * chol.inverse();
-        self.mean += gain * (position - self.position());
+        let inverse = chol.inverse();
+        let gain = to_position * inverse;
+        let innovation = position - self.position();
+        let struck_gain = self.struck_cross.fixed_view::<3, 3>(0, 0) * inverse;
+        self.struck_spin += struck_gain * innovation;
+        self.struck_cross -= struck_gain * to_position.transpose();
+        self.mean += gain * innovation;
         let reduced = self.covariance - gain * to_position.transpose();
         self.covariance = 0.5 * (reduced + reduced.transpose());
     }

@@ -18,6 +18,7 @@ pub mod live;
 mod physics;
 mod predictor;
 mod prior;
+pub mod recorded;
 mod settings;
 mod tracker;
 mod windows;
@@ -25,5 +26,6 @@ mod windows;
 #[cfg(test)]
 mod tests;
 
+pub use flow::Table;
 pub use predictor::{PredictOptions, Predictor};
 pub use tracker::Verdict;

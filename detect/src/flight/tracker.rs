@@ -401,7 +401,7 @@ impl Beginning {
                 };
             }
             covariance.fixed_view_mut::<3, 3>(6, 6).copy_from(&spin_covariance);
-            let belief = Belief { mean, covariance };
+            let belief = Belief::new(mean, covariance);
             bank.add(Hypothesis { belief, weight: share, bounces: 0, exempt: Exempt::default() });
         }
         bank

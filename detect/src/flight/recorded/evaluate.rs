@@ -1,0 +1,273 @@
+//! How well recorded flights would have been predicted, had they been seen live.
+
+use nalgebra::{Matrix3, Vector3};
+use netcord_common::rig::{Ball, FlightConstants};
+
+use super::{
+    parse::{RecordedFrame, Recording, Sample},
+    truth::{self, Arc},
+};
+use crate::flight::{
+    confidence,
+    flow::{Flow, Table},
+    forecast::{PATH_STEP_S, look_ahead},
+    settings,
+    tracker::{Observation, Tracker},
+};
+
+/// Horizons of the prediction error, ms.
+pub const HORIZONS_MS: [u32; 5] = [100, 200, 300, 400, 500];
+/// How long before the bounce its place is predicted, ms.
+pub const LEADS_MS: [u32; 4] = [50, 100, 150, 200];
+/// Predictions count from this long after a flight's first position, s.
+const WARM_UP_S: f64 = 0.1;
+/// The spin is judged this long after a flight's first position, s.
+const SPIN_AFTER_S: f64 = 0.3;
+/// Slower spins are hardly told from none, rad/s.
+const LEAST_SPIN_RAD_S: f64 = 60.0;
+/// The hitting plane of a recorded flight lies where it is after this share of its time.
+const PLANE_AT: f64 = 0.85;
+/// A table frame's origin whose height was measured on the ball rather than on the table is off by less, m.
+const SAME_FRAME_M: f64 = 0.05;
+
+/// What is known beside the positions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EvaluateOptions {
+    /// Physical constants.
+    pub constants: FlightConstants,
+    /// The ball.
+    pub ball: Ball,
+    /// Height of the table's surface in recordings that are not in the table frame, m; otherwise it is
+    /// found from the bounces.
+    pub table_z_m: Option<f64>,
+    /// Standard deviation of the positions, m.
+    pub sigma_m: f64,
+}
+
+impl Default for EvaluateOptions {
+    fn default() -> Self {
+        Self {
+            constants: FlightConstants::default(),
+            ball: Ball::default(),
+            table_z_m: None,
+            sigma_m: 0.0025,
+        }
+    }
+}
+
+/// Chance given to a prediction of the hitting point, and whether it held.
+pub type Bet = (f64, bool);
+
+/// Errors of one recording, or of many together.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Evaluation {
+    /// Distance between prediction and truth by horizon, as [`HORIZONS_MS`], m.
+    pub prediction_m: [Vec<f64>; HORIZONS_MS.len()],
+    /// Distance between predicted and true landing point by lead, as [`LEADS_MS`], m.
+    pub landing_m: [Vec<f64>; LEADS_MS.len()],
+    /// Distance between predicted and true hitting point by horizon (to the nearest 0.1 s), m.
+    pub hitting_m: [Vec<f64>; HORIZONS_MS.len()],
+    /// Every prediction of a hitting point.
+    pub bets: Vec<Bet>,
+    /// Error of the spin over its size, of the parts perpendicular to the velocity.
+    pub spin_perpendicular: Vec<f64>,
+    /// The same of the whole vectors.
+    pub spin_full: Vec<f64>,
+    /// Flights seen.
+    pub flights: usize,
+    /// Predictions that had to be made while no flight was being followed; they count as well.
+    pub blind: usize,
+}
+
+impl Evaluation {
+    /// Adds the errors of another recording.
+    pub fn append(&mut self, other: &mut Self) {
+        let pairs = |a: &mut [Vec<f64>], b: &mut [Vec<f64>]| {
+            for (a, b) in a.iter_mut().zip(b) {
+                a.append(b);
+            }
+        };
+        pairs(&mut self.prediction_m, &mut other.prediction_m);
+        pairs(&mut self.landing_m, &mut other.landing_m);
+        pairs(&mut self.hitting_m, &mut other.hitting_m);
+        self.bets.append(&mut other.bets);
+        self.spin_perpendicular.append(&mut other.spin_perpendicular);
+        self.spin_full.append(&mut other.spin_full);
+        self.flights += other.flights;
+        self.blind += other.blind;
+    }
+}
+
+/// The table in a set of recordings that share a frame (one folder): the table frame's where the format
+/// says so, else at `table_z_m`, else a radius below the height at which most sharp turns upwards
+/// happen; `None` where there are none.
+pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option<Table> {
+    if recordings.iter().all(|r| r.frame == RecordedFrame::Table) {
+        return Some(Table::CENTRED);
+    }
+    let surface_z_m = options.table_z_m.or_else(|| {
+        let mut heights: Vec<f64> =
+            recordings.iter().flat_map(|r| truth::turning_heights(&r.samples)).collect();
+        heights.sort_by(f64::total_cmp);
+        // The densest 2 cm.
+        let best =
+            (0..heights.len()).max_by_key(|&i| heights[i..].partition_point(|z| z - heights[i] < 0.02))?;
+        let dense = &heights[best..];
+        let dense = &dense[..dense.partition_point(|z| z - dense[0] < 0.02)];
+        Some(dense[dense.len() / 2] - options.ball.radius_m())
+    })?;
+    Some(Table { surface_z_m, edges_known: surface_z_m.abs() < SAME_FRAME_M })
+}
+
+/// Runs over one recording as if live.
+pub fn evaluate(recording: &Recording, table: Option<Table>, options: &EvaluateOptions) -> Evaluation {
+    let mut flow = Flow::new(&options.constants, &options.ball, table, settings::NOISE);
+    // Recordings are upright even where no table was found.
+    flow.forces = crate::flight::physics::Forces::new(&options.constants, &options.ball);
+    let mut tracker = Tracker::new(flow, settings::LATITUDE);
+    let level_z = table.map_or(f64::NEG_INFINITY, |t| t.surface_z_m + options.ball.radius_m());
+    let mut result = Evaluation::default();
+    let mut start = 0;
+    for range in truth::flights(&recording.samples, level_z) {
+        // A flight's remains that were cut off (a hit's own samples) teach the filter, but are no flight.
+        feed(&mut tracker, &recording.samples[start..range.start], options);
+        evaluate_flight(
+            &mut tracker,
+            recording,
+            &recording.samples[range.clone()],
+            level_z,
+            options,
+            &mut result,
+        );
+        start = range.end;
+    }
+    result
+}
+
+fn observation(sample: &Sample, options: &EvaluateOptions) -> Observation {
+    Observation {
+        t_ns: ns(sample.t_s),
+        position: sample.position,
+        covariance: Matrix3::identity() * options.sigma_m.powi(2),
+    }
+}
+
+/// Recorded seconds as the tracker's instants, with a second of room before the first.
+fn ns(t_s: f64) -> u64 {
+    ((t_s + 1.0) * 1e9).round() as u64
+}
+
+fn feed(tracker: &mut Tracker, samples: &[Sample], options: &EvaluateOptions) {
+    for sample in samples {
+        tracker.observe(&observation(sample, options));
+    }
+}
+
+/// Where the filter says that the ball is at each horizon, and where it lands and is hit.
+struct Said {
+    path: [Vector3<f64>; HORIZONS_MS.len()],
+    landing: Option<Vector3<f64>>,
+    hitting: Option<(Vector3<f64>, f64)>,
+}
+
+fn ask(tracker: &Tracker, t_s: f64, plane_y_m: f64) -> Option<Said> {
+    let bank = tracker.bank_at(ns(t_s));
+    let best = bank.best()?;
+    let mut path = [Vector3::zeros(); HORIZONS_MS.len()];
+    let ahead = look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief| {
+        let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
+        if let Some(i) = HORIZONS_MS.iter().position(|h| *h == ms) {
+            path[i] = belief.position();
+        }
+    });
+    Some(Said {
+        path,
+        landing: ahead.landing.map(|(_, c)| c.belief.position()),
+        hitting: ahead.crossing.map(|c| (c.belief.position(), confidence::of(&c.covariance, best.weight))),
+    })
+}
+
+/// What is said while no flight is followed: the ball goes on as between its last two positions.
+fn guess(samples: &[Sample]) -> Option<Said> {
+    let [.., a, b] = samples else { return None };
+    let velocity = (b.position - a.position) / (b.t_s - a.t_s);
+    let path = HORIZONS_MS.map(|ms| b.position + velocity * (f64::from(ms) * 1e-3));
+    Some(Said { path, landing: Some(b.position), hitting: None })
+}
+
+fn evaluate_flight(
+    tracker: &mut Tracker,
+    recording: &Recording,
+    flight: &[Sample],
+    level_z: f64,
+    options: &EvaluateOptions,
+    result: &mut Evaluation,
+) {
+    result.flights += 1;
+    let begin_s = flight[0].t_s;
+    let end_s = flight[flight.len() - 1].t_s;
+    let bounces = truth::bounces(flight, level_z);
+    let plane = truth::position_at(flight, begin_s + PLANE_AT * (end_s - begin_s)).map(|p| p.y);
+    let mut spin_judged = false;
+    for (k, sample) in flight.iter().enumerate() {
+        tracker.observe(&observation(sample, options));
+        let seen_s = sample.t_s - begin_s;
+        if seen_s < WARM_UP_S {
+            continue;
+        }
+        let said = ask(tracker, sample.t_s, plane.unwrap_or(f64::NAN));
+        result.blind += usize::from(said.is_none());
+        let Some(said) = said.or_else(|| guess(&flight[..=k])) else { continue };
+        for (i, ms) in HORIZONS_MS.iter().enumerate() {
+            if let Some(p) = truth::position_at(flight, sample.t_s + f64::from(*ms) * 1e-3) {
+                result.prediction_m[i].push((said.path[i] - p).norm());
+            }
+        }
+        let next_s = flight.get(k + 1).map_or(f64::INFINITY, |s| s.t_s);
+        if let Some(bounce) = bounces.iter().find(|b| b.t_s > sample.t_s) {
+            for (i, ms) in LEADS_MS.iter().enumerate() {
+                let at = bounce.t_s - f64::from(*ms) * 1e-3;
+                if sample.t_s <= at && at < next_s {
+                    let error = said.landing.map_or(f64::INFINITY, |p| (p - bounce.position).xy().norm());
+                    result.landing_m[i].push(error);
+                }
+            }
+        }
+        if let Some(y) = plane {
+            judge_hitting(flight, k, y, &said, result);
+        }
+        if let Some(truth) = recording.spin_rad_s
+            && !spin_judged
+            && seen_s >= SPIN_AFTER_S
+            && truth.norm() > LEAST_SPIN_RAD_S
+            && let Some(best) = tracker.bank_at(ns(sample.t_s)).best()
+            && let Some(arc) = Arc::fit(&flight[..flight.partition_point(|s| s.t_s < begin_s + WARM_UP_S)])
+        {
+            spin_judged = true;
+            let along = arc.velocity(begin_s).normalize();
+            let across = |w: &Vector3<f64>| w - along * along.dot(w);
+            let error = best.belief.struck_spin - truth;
+            result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
+            result.spin_full.push(error.norm() / truth.norm());
+        }
+    }
+}
+
+/// Compares the predicted crossing of the plane y = `y` with the true one, if that is still to come.
+fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut Evaluation) {
+    let crosses = |w: &[Sample]| (w[0].position.y - y) * (w[1].position.y - y) <= 0.0;
+    let Some(w) = flight[k..].windows(2).find(|w| crosses(w)) else { return };
+    let share = (y - w[0].position.y) / (w[1].position.y - w[0].position.y);
+    if !share.is_finite() || w[1].t_s - w[0].t_s > 0.035 {
+        return;
+    }
+    let truth = w[0].position + (w[1].position - w[0].position) * share;
+    let ahead_s = w[0].t_s + share * (w[1].t_s - w[0].t_s) - flight[k].t_s;
+    let (error, p) =
+        said.hitting.map_or((f64::INFINITY, 0.0), |(predicted, p)| ((predicted - truth).norm(), p));
+    result.bets.push((p, error <= confidence::TOLERANCE_M));
+    let nearest = (ahead_s * 10.0).round() as usize;
+    if (1..=HORIZONS_MS.len()).contains(&nearest) {
+        result.hitting_m[nearest - 1].push(error);
+    }
+}

@@ -1,0 +1,8 @@
+//! Recorded flights: their formats, what truly happened in them, how well they are predicted.
+
+mod evaluate;
+mod parse;
+mod truth;
+
+pub use evaluate::{Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate, find_table};
+pub use parse::{RecordedFrame, Recording, RecordingError, Sample, parse};

@@ -1,0 +1,139 @@
+//! `--evaluate`: prediction errors over recorded flights, as table and report.
+
+use std::{fs, path::Path};
+
+use netcord_detect::flight::recorded::{
+    Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate, find_table,
+};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+use super::files::Set;
+use crate::exit::{CommandResult, Outcome};
+
+/// Bins of the confidence, of equal numbers of predictions.
+const BINS: usize = 10;
+
+/// Evaluates all sets, prints a table of each and of all together, and writes the report.
+pub fn run(sets: &[Set], options: &EvaluateOptions, report: Option<&Path>) -> CommandResult {
+    let mut all = Evaluation::default();
+    let mut by_set = Map::new();
+    for set in sets {
+        let table = find_table(&set.recordings, options);
+        let each: Vec<Evaluation> = set.recordings.par_iter().map(|r| evaluate(r, table, options)).collect();
+        let mut of_set = Evaluation::default();
+        for mut one in each {
+            of_set.append(&mut one);
+        }
+        let mut figures = figures(&of_set);
+        let surface = table.map(|t| t.surface_z_m);
+        figures.insert("recordings".into(), json!(set.recordings.len()));
+        figures.insert("table_z_m".into(), json!(surface));
+        print(&format!("{} ({} recordings)", set.name, set.recordings.len()), &figures);
+        by_set.insert(set.name.clone(), Value::Object(figures));
+        all.append(&mut of_set);
+    }
+    let mut figures = figures(&all);
+    if sets.len() > 1 {
+        print("all together", &figures);
+    }
+    figures.insert("sets".into(), Value::Object(by_set));
+    if let Some(path) = report {
+        fs::write(path, format!("{:#}\n", Value::Object(figures)))?;
+    }
+    Ok(Outcome::Good)
+}
+
+/// The value below which a share of the values lies.
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let place = share * last as f64;
+    let (low, high) = (values[place.floor() as usize], values[place.ceil() as usize]);
+    Some(if low == high { low } else { low + (high - low) * place.fract() })
+}
+
+fn errors(values: &[f64], unit: f64) -> Value {
+    let mut values: Vec<f64> = values.iter().map(|v| v * unit).collect();
+    json!({
+        "median": quantile(&mut values, 0.5),
+        "p90": quantile(&mut values, 0.9),
+        "n": values.len(),
+    })
+}
+
+fn by_ms(ms: &[u32], values: &[Vec<f64>]) -> Value {
+    ms.iter().zip(values).map(|(ms, v)| (ms.to_string(), errors(v, 1e3))).collect::<Map<_, _>>().into()
+}
+
+fn figures(e: &Evaluation) -> Map<String, Value> {
+    let figures = json!({
+        "prediction_error_mm": by_ms(&HORIZONS_MS, &e.prediction_m),
+        "landing_error_mm": by_ms(&LEADS_MS, &e.landing_m),
+        "hitting_plane_error_mm": by_ms(&HORIZONS_MS, &e.hitting_m),
+        "spin_error_ratio": errors(&e.spin_perpendicular, 1.0),
+        "spin_vector_error_ratio": errors(&e.spin_full, 1.0),
+        "confidence": bins(&e.bets),
+        "flights": e.flights,
+        "predictions_without_flight": e.blind,
+    });
+    match figures {
+        Value::Object(map) => map,
+        _ => Map::new(),
+    }
+}
+
+/// Predictions by their confidence, in bins of equal number: mean confidence, share that held.
+fn bins(bets: &[Bet]) -> Value {
+    let mut bets = bets.to_vec();
+    bets.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let size = bets.len().div_ceil(BINS).max(1);
+    bets.chunks(size)
+        .map(|bin| {
+            let n = bin.len() as f64;
+            json!({
+                "confidence": bin.iter().map(|b| b.0).sum::<f64>() / n,
+                "held": bin.iter().filter(|b| b.1).count() as f64 / n,
+                "n": bin.len(),
+            })
+        })
+        .collect::<Vec<_>>()
+        .into()
+}
+
+fn print(title: &str, figures: &Map<String, Value>) {
+    let cell = |v: &Value, digits: usize| v.as_f64().map_or("–".into(), |v| format!("{v:.digits$}"));
+    println!("{title}");
+    for (key, name, unit) in [
+        ("prediction_error_mm", "prediction error", "ms ahead"),
+        ("landing_error_mm", "landing error", "ms before the bounce"),
+        ("hitting_plane_error_mm", "hitting-plane error", "ms ahead"),
+    ] {
+        let Some(rows) = figures.get(key).and_then(Value::as_object) else { continue };
+        println!("  {name}, mm {:>12} {:>8} {:>8}", "median", "p90", "n");
+        let mut rows: Vec<_> = rows.iter().collect();
+        rows.sort_by_key(|(ms, _)| ms.parse::<u32>().unwrap_or(0));
+        for (ms, row) in rows {
+            let (median, p90, n) = (cell(&row["median"], 1), cell(&row["p90"], 1), cell(&row["n"], 0));
+            println!("  {:>26} {median:>8} {p90:>8} {n:>8}", format!("{ms} {unit}"));
+        }
+    }
+    let spin = &figures["spin_error_ratio"];
+    if spin["n"] != 0 {
+        let full = &figures["spin_vector_error_ratio"]["median"];
+        println!(
+            "  spin error across the velocity: median {} of the spin ({} flights); whole vector {}",
+            cell(&spin["median"], 2),
+            spin["n"],
+            cell(full, 2)
+        );
+    }
+    println!("  confidence → share that held (n):");
+    for bin in figures["confidence"].as_array().into_iter().flatten() {
+        println!("    {} → {} ({})", cell(&bin["confidence"], 3), cell(&bin["held"], 3), bin["n"]);
+    }
+    println!(
+        "  {} flights; {} predictions made while none was followed\n",
+        figures["flights"], figures["predictions_without_flight"]
+    );
+}
