@@ -37,6 +37,7 @@ pub(super) struct FlightTable {
     pub(super) mass_kg: Option<Spanned<f64>>,
     pub(super) drag: Option<Spanned<f64>>,
     pub(super) magnus: Option<Spanned<f64>>,
+    pub(super) magnus_saturation: Option<Spanned<f64>>,
     pub(super) air_density_kg_m3: Option<Spanned<f64>>,
     pub(super) restitution: Option<Spanned<f64>>,
     pub(super) restitution_slope_s_m: Option<Spanned<f64>>,

@@ -18,8 +18,10 @@ pub struct FlightConstants {
     pub mass_kg: f64,
     /// Drag coefficient C_d in F = ½ ρ C_d A v².
     pub drag: f64,
-    /// Magnus coefficient C_M in F = C_M ρ V ω × v.
+    /// Magnus coefficient C_M in F = C_M ρ V ω × v / (1 + c S), S = r |ω × v| / v² being the spin parameter.
     pub magnus: f64,
+    /// How soon lift saturates: c above; 0 for a force in proportion to the spin.
+    pub magnus_saturation: f64,
     /// Density of the air ρ, kg/m³.
     pub air_density_kg_m3: f64,
     /// Normal restitution of the table at zero speed.
@@ -38,6 +40,7 @@ impl Default for FlightConstants {
             mass_kg: 0.0027,
             drag: 0.47,
             magnus: 0.12,
+            magnus_saturation: 0.0,
             air_density_kg_m3: 1.204,
             restitution: 0.98,
             restitution_slope_s_m: 0.02,

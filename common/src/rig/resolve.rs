@@ -254,6 +254,12 @@ impl Source<'_> {
             mass_kg: get("mass_kg", &table.mass_kg, d.mass_kg, 1e-4..=1.0)?,
             drag: get("drag", &table.drag, d.drag, 0.0..=2.0)?,
             magnus: get("magnus", &table.magnus, d.magnus, -1.0..=2.0)?,
+            magnus_saturation: get(
+                "magnus_saturation",
+                &table.magnus_saturation,
+                d.magnus_saturation,
+                0.0..=20.0,
+            )?,
             air_density_kg_m3: get(
                 "air_density_kg_m3",
                 &table.air_density_kg_m3,

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{
     belief::Belief,
+    contact::BounceScatter,
     flow::{Contact, Exempt, Flow, Touched},
 };
 
@@ -15,6 +16,10 @@ const NEGLIGIBLE: f64 = 1e-5;
 const UNLIKELY_WAY: f64 = 5e-3;
 /// Chance that a ball which reaches the table's plane has no table below it, where the edges are unknown.
 const OFF_UNKNOWN_TABLE: f64 = 0.02;
+/// Share of bounces that the model describes badly: an edge, dirt, a spin far from what was believed.
+const ODD_BOUNCE: f64 = 0.03;
+/// How such bounces scatter.
+const ODD_SCATTER: BounceScatter = BounceScatter { normal: 0.1, tangential: 0.4, tangential_floor_m_s: 0.8 };
 /// A bad position weighs this much against a hypothesis at most: a hypothesis is ruled out by several.
 const WORST_CHI2: f64 = 60.0;
 
@@ -54,6 +59,26 @@ impl Bank {
         self.all().iter().max_by(|a, b| a.weight.total_cmp(&b.weight))
     }
 
+    /// The likeliest one, together with all that have been through the same: their common mean and
+    /// covariance, which predicts better than any of them (its weight is the sum of theirs).
+    pub fn consensus(&self) -> Option<Hypothesis> {
+        let best = *self.best()?;
+        let alike = |h: &&Hypothesis| h.bounces == best.bounces && h.exempt == best.exempt;
+        let weight: f64 = self.all().iter().filter(alike).map(|h| h.weight).sum();
+        let mut common = Belief::default();
+        for h in self.all().iter().filter(alike) {
+            let share = h.weight / weight;
+            common.mean += share * h.belief.mean;
+            common.struck_spin += share * h.belief.struck_spin;
+        }
+        for h in self.all().iter().filter(alike) {
+            let share = h.weight / weight;
+            let off = h.belief.mean - common.mean;
+            common.covariance += share * (h.belief.covariance + off * off.transpose());
+        }
+        Some(Hypothesis { belief: common, weight, ..best })
+    }
+
     /// Adds one, in the place of the least likely if there is no room.
     pub fn add(&mut self, hypothesis: Hypothesis) {
         if self.len < MAX_HYPOTHESES {
@@ -71,6 +96,8 @@ impl Bank {
     /// Moves all on by `dt` seconds. Where one reaches the plane of the table so near to its edge that it
     /// may as well pass beside it (or the other way round), both ways are followed.
     pub fn advance(&mut self, flow: &Flow, dt: f64) {
+        let mut odd_bounces = *flow;
+        odd_bounces.noise.bounce = ODD_SCATTER;
         for i in 0..self.len {
             let start = self.hypotheses[i];
             let h = &mut self.hypotheses[i];
@@ -81,6 +108,16 @@ impl Bank {
                     off_table = chance_beside(flow, contact);
                 }
             });
+            let bounced = h.bounces > start.bounces;
+            if bounced {
+                h.weight *= 1.0 - ODD_BOUNCE;
+                let mut odd = start;
+                odd.bounces = h.bounces;
+                odd.weight = start.weight * ODD_BOUNCE;
+                odd_bounces.advance(&mut odd.belief, dt, &mut odd.exempt, |_| {});
+                self.add(odd);
+            }
+            let h = &mut self.hypotheses[i];
             if off_table > UNLIKELY_WAY && !start.exempt.table {
                 h.weight *= 1.0 - off_table;
                 let mut beside = start;
@@ -91,6 +128,16 @@ impl Bank {
             }
         }
         self.normalise();
+    }
+
+    /// Adds uncertainty to position and velocity of all: standard deviations, m and m/s.
+    pub fn widen(&mut self, position_m: f64, velocity_m_s: f64) {
+        for h in &mut self.hypotheses[..self.len] {
+            for axis in 0..3 {
+                h.belief.covariance[(axis, axis)] += position_m * position_m;
+                h.belief.covariance[(axis + 3, axis + 3)] += velocity_m_s * velocity_m_s;
+            }
+        }
     }
 
     /// Squared Mahalanobis distance of a position from the hypothesis that it fits best; infinite

@@ -18,6 +18,8 @@ const STEP_S: f64 = 0.02;
 const ROLLING_M_S: f64 = 0.15;
 /// A mean that the filter has pushed this far into the table is still one that bounces now, m.
 const PENETRATION_M: f64 = 0.03;
+/// How surely a ball must be below the net's cord to touch it, in standard deviations of its height.
+const NET_DOUBT_SIGMAS: f64 = 1.5;
 /// Most contacts in one advance; a ball that touches more often lies.
 const MAX_CONTACTS: u32 = 16;
 
@@ -26,13 +28,15 @@ const MAX_CONTACTS: u32 = 16;
 pub struct Table {
     /// Height of its surface, m.
     pub surface_z_m: f64,
-    /// Whether the frame's origin is the table's centre, so that edges and net are known too.
+    /// Whether the frame's origin is the table's centre, so that its edges are known too.
     pub edges_known: bool,
+    /// Whether a net is up in the plane y = 0.
+    pub net: bool,
 }
 
 impl Table {
     /// The table of the table frame.
-    pub const CENTRED: Self = Self { surface_z_m: 0.0, edges_known: true };
+    pub const CENTRED: Self = Self { surface_z_m: 0.0, edges_known: true, net: true };
 
     /// Signed distance from (x, y) to the nearest edge, m; positive on the table.
     pub fn inside_by(&self, x: f64, y: f64) -> f64 {
@@ -130,7 +134,7 @@ impl Flow {
         while done < dt - 1e-12 {
             let h = (dt - done).min(STEP_S);
             if contacts < MAX_CONTACTS
-                && let Some((touched, tau)) = self.next_contact(&belief.mean, h, exempt)
+                && let Some((touched, tau)) = self.next_contact(belief, h, exempt)
             {
                 self.fly(belief, tau);
                 on_contact(&Contact { touched, after_s: done + tau, before: *belief });
@@ -163,9 +167,10 @@ impl Flow {
         }
     }
 
-    /// The first contact within `h` from `state`, and when.
-    fn next_contact(&self, state: &State, h: f64, exempt: &Exempt) -> Option<(Touched, f64)> {
+    /// The first contact within `h`, and when.
+    fn next_contact(&self, belief: &Belief, h: f64, exempt: &Exempt) -> Option<(Touched, f64)> {
         let table = self.table?;
+        let state = &belief.mean;
         let end = self.forces.step(state, h);
         let level = table.surface_z_m + self.radius_m;
         let mut first: Option<(Touched, f64)> = None;
@@ -190,12 +195,13 @@ impl Flow {
         if !table.edges_known {
             return first;
         }
-        if !exempt.net && state[1] * end[1] < 0.0 {
+        if table.net && !exempt.net && state[1] * end[1] < 0.0 {
             let tau = self.crossing_time(state, h, 1, 0.0);
             let at = self.forces.step(state, tau);
             let height = at[2] - table.surface_z_m;
-            // The cord gives way to a ball whose centre is above it.
-            if at[0].abs() < NET_HALF_WIDTH_M && (0.0..NET_HEIGHT_M).contains(&height) {
+            // Players aim above the net: it is touched only where that is beyond doubt.
+            let doubt = NET_DOUBT_SIGMAS * belief.covariance[(2, 2)].max(0.0).sqrt();
+            if at[0].abs() < NET_HALF_WIDTH_M && (0.0..NET_HEIGHT_M - doubt).contains(&height) {
                 offer(Touched::Net, tau);
             }
         }

@@ -26,6 +26,8 @@ mod windows;
 #[cfg(test)]
 mod tests;
 
-pub use flow::Table;
+pub use contact::BounceScatter;
+pub use flow::{ModelNoise, Table};
 pub use predictor::{PredictOptions, Predictor};
-pub use tracker::Verdict;
+pub use settings::Tuning;
+pub use tracker::{Latitude, Verdict};

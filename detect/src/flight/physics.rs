@@ -28,8 +28,12 @@ pub struct Forces {
     pub gravity_m_s2: Vector3<f64>,
     /// k_D in a = −k_D |v| v, 1/m: ρ C_d A / 2 m.
     pub drag_per_m: f64,
-    /// k_M in a = k_M ω × v, without unit: C_M ρ V / m.
+    /// k_M in a = k_M ω × v / (1 + c S), without unit: C_M ρ V / m.
     pub magnus: f64,
+    /// c above, where S = r |ω × v| / v² is the spin parameter.
+    pub magnus_saturation: f64,
+    /// Radius of the ball r, m.
+    pub radius_m: f64,
 }
 
 impl Forces {
@@ -43,12 +47,38 @@ impl Forces {
             gravity_m_s2: Vector3::new(0.0, 0.0, -GRAVITY_M_S2),
             drag_per_m: 0.5 * density_over_mass * constants.drag * area,
             magnus: density_over_mass * constants.magnus * volume,
+            magnus_saturation: constants.magnus_saturation,
+            radius_m: r,
         }
     }
 
-    /// Acceleration at velocity `v`, with the drag `drag_per_m` and the part `magnus` × ω of the spin, m/s².
-    fn acceleration(&self, v: &Vector3<f64>, drag_per_m: f64, magnus_spin: &Vector3<f64>) -> Vector3<f64> {
-        self.gravity_m_s2 - drag_per_m * v.norm() * v + magnus_spin.cross(v)
+    /// Acceleration at velocity `v` and spin `w` with the drag `drag_per_m`, m/s². Lift grows less than in
+    /// proportion to fast spins: C_L = 1 / (a + b / S) is how it is usually fitted to balls, which is this
+    /// form with c = a / b.
+    fn acceleration(&self, v: &Vector3<f64>, w: &Vector3<f64>, drag_per_m: f64) -> Vector3<f64> {
+        let turned = w.cross(v);
+        let v2 = v.norm_squared();
+        let s = self.radius_m * turned.norm() / v2.max(1e-6);
+        self.gravity_m_s2 - drag_per_m * v2.sqrt() * v
+            + turned * (self.magnus / (1.0 + self.magnus_saturation * s))
+    }
+
+    /// ∂(Magnus acceleration)/∂v and /∂ω.
+    fn magnus_derivatives(&self, v: &Vector3<f64>, w: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+        let turned = w.cross(v);
+        let (length, v2) = (turned.norm(), v.norm_squared().max(1e-6));
+        let divisor = 1.0 + self.magnus_saturation * self.radius_m * length / v2;
+        let (turned_by_v, turned_by_w) = (w.cross_matrix(), -v.cross_matrix());
+        let along = if length > 1e-9 { turned / length } else { Vector3::zeros() };
+        let scale = self.radius_m / v2;
+        let s_by_v = scale * (turned_by_v.transpose() * along - v * (2.0 * length / v2));
+        let s_by_w = scale * (turned_by_w.transpose() * along);
+        let k = self.magnus / divisor;
+        let loss = self.magnus_saturation / divisor;
+        (
+            k * (turned_by_v - loss * turned * s_by_v.transpose()),
+            k * (turned_by_w - loss * turned * s_by_w.transpose()),
+        )
     }
 
     /// This ball's drag, 1/m.
@@ -60,14 +90,14 @@ impl Forces {
     /// tennis speeds a step of 20 ms errs by less than 1 µm.
     pub fn step(&self, state: &State, h: f64) -> State {
         let (p, v, w) = split(state);
-        let (k, mw) = (self.drag_of(state), self.magnus * w);
-        let a1 = self.acceleration(&v, k, &mw);
+        let k = self.drag_of(state);
+        let a1 = self.acceleration(&v, &w, k);
         let v2 = v + 0.5 * h * a1;
-        let a2 = self.acceleration(&v2, k, &mw);
+        let a2 = self.acceleration(&v2, &w, k);
         let v3 = v + 0.5 * h * a2;
-        let a3 = self.acceleration(&v3, k, &mw);
+        let a3 = self.acceleration(&v3, &w, k);
         let v4 = v + h * a3;
-        let a4 = self.acceleration(&v4, k, &mw);
+        let a4 = self.acceleration(&v4, &w, k);
         let mut after = *state;
         after.fixed_rows_mut::<3>(0).copy_from(&(p + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)));
         after.fixed_rows_mut::<3>(3).copy_from(&(v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)));
@@ -80,9 +110,8 @@ impl Forces {
         let (_, v, w) = split(middle);
         let speed = v.norm().max(1e-9);
         let drag = self.drag_of(middle);
-        let by_v = -drag * (Matrix3::identity() * speed + v * v.transpose() / speed)
-            + self.magnus * w.cross_matrix();
-        let by_w = -self.magnus * v.cross_matrix();
+        let (magnus_by_v, by_w) = self.magnus_derivatives(&v, &w);
+        let by_v = magnus_by_v - drag * (Matrix3::identity() * speed + v * v.transpose() / speed);
         let i = Matrix3::identity();
         let by_v2 = by_v * by_v;
         let mut f = StateMatrix::identity();
@@ -123,7 +152,8 @@ mod tests {
     use super::*;
 
     fn forces() -> Forces {
-        Forces::new(&FlightConstants::default(), &Ball::default())
+        let published = FlightConstants { drag: 0.47, magnus: 0.12, ..FlightConstants::default() };
+        Forces::new(&published, &Ball::default())
     }
 
     /// Hard strokes with heavy spin, and a ball let fall.

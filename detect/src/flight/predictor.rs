@@ -14,8 +14,8 @@ use super::{
     flow::{Flow, Table},
     forecast::{Ahead, Crossing, Descent, PATH_STEP_S, look_ahead},
     physics::STATE,
-    settings,
-    tracker::{Observation, Tracker},
+    settings::Tuning,
+    tracker::{Habits, Observation, Tracker},
     windows::WindowMaker,
 };
 
@@ -62,11 +62,11 @@ impl Predictor {
     /// then the path is drag and spin only, with the noise that this deserves.
     pub fn new(rig: &Rig, options: PredictOptions) -> Self {
         let table = (rig.world == WorldFrame::Table).then_some(Table::CENTRED);
-        let noise = if table.is_some() { settings::NOISE } else { settings::NOISE_WITHOUT_TABLE };
-        let flow = Flow::new(&rig.flight, &rig.ball, table, noise);
+        let tuning = if table.is_some() { Tuning::default() } else { Tuning::without_table() };
+        let flow = Flow::new(&rig.flight, &rig.ball, table, tuning.noise);
         let plane_y_m = table.map(|_| options.hitting_plane_y_m.unwrap_or(rig.hitting_plane.y_m));
         Self {
-            tracker: Tracker::new(flow, settings::LATITUDE),
+            tracker: Tracker::new(flow, tuning.latitude, Habits::new(&tuning.latitude)),
             windows: WindowMaker::new(rig),
             frame: rig.world,
             plane_y_m,
@@ -126,7 +126,7 @@ impl Predictor {
         // A late position changes the present, which stays where the newest position is.
         let t_ns = position.stamps.mid_exposure_ns.max(self.tracker.last_seen_ns());
         let bank = self.tracker.bank_at(t_ns);
-        let Some(best) = bank.best() else {
+        let Some(best) = bank.consensus() else {
             let outcome = if self.tracker.is_unsettled() {
                 TrajectoryOutcome::Starting
             } else {

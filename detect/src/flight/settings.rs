@@ -2,15 +2,34 @@
 
 use super::{contact::BounceScatter, flow::ModelNoise, tracker::Latitude};
 
-/// What the model leaves out of a flight over a known table.
-pub const NOISE: ModelNoise = ModelNoise {
-    acceleration: 0.02,
-    spin: 25.0,
-    bounce: BounceScatter { normal: 0.015, tangential: 0.08, tangential_floor_m_s: 0.03 },
-};
+/// What the filter assumes beside the physical constants.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tuning {
+    /// What the model leaves out.
+    pub noise: ModelNoise,
+    /// How far ball and table may differ from the rig file.
+    pub latitude: Latitude,
+}
 
-/// Without a table frame gravity's direction is unknown too: (9.81 m/s²)² over a tenth of a second.
-pub const NOISE_WITHOUT_TABLE: ModelNoise = ModelNoise { acceleration: 10.0, ..NOISE };
+impl Default for Tuning {
+    fn default() -> Self {
+        Self {
+            noise: ModelNoise {
+                acceleration: 0.02,
+                spin: 25.0,
+                bounce: BounceScatter { normal: 0.015, tangential: 0.08, tangential_floor_m_s: 0.03 },
+            },
+            latitude: Latitude { drag: 0.15, restitution: 0.03, forgetting: 0.2 },
+        }
+    }
+}
 
-/// How far balls and tables differ.
-pub const LATITUDE: Latitude = Latitude { drag: 0.15, restitution: 0.03, forgetting: 0.2 };
+impl Tuning {
+    /// Where no table frame is known, gravity's direction is not either: its 9.81 m/s² are noise, over a
+    /// tenth of a second.
+    pub fn without_table() -> Self {
+        let mut tuning = Self::default();
+        tuning.noise.acceleration = 10.0;
+        tuning
+    }
+}

@@ -37,11 +37,14 @@ pub enum Verdict {
 }
 
 /// Positions further than this from every hypothesis (squared Mahalanobis distance, 3 degrees of
-/// freedom) are unexplained: one in 10⁶ true ones.
+/// freedom) are unexplained.
 const GATE_CHI2: f64 = 30.0;
+/// Measured positions have heavy tails: in the gate, and only there, their covariance counts this many
+/// times. A hit is metres per second away from every hypothesis, and leaves this gate all the same.
+const TAIL_VARIANCE: f64 = 9.0;
 /// From here on a position's covariance is widened, so that it pulls no more than one at this distance
-/// (Huber's weights): chance 1 %.
-const HUBER_CHI2: f64 = 11.3;
+/// (Huber's weights): chance 5 %.
+const HUBER_CHI2: f64 = 7.8;
 /// Positions of the present flight that are kept to put late ones in their place: 0.5 s at 100 Hz.
 const HISTORY: usize = 48;
 /// Unexplained positions that are kept; a flight begins with at most as many.
@@ -60,14 +63,27 @@ const FASTEST_M_S: f64 = 40.0;
 const UNMODELLED_M_S2: f64 = 40.0;
 /// How near a flight's beginning must come to the end of the last one for two positions to prove a hit, m.
 const HIT_PLACE_M: f64 = 0.08;
+/// A hit changes the velocity by at least this, m/s.
+const LEAST_TURN_M_S: f64 = 1.0;
+/// By how much a belief is widened that many positions contradict: m, m/s.
+const RECONCILE_M: f64 = 0.03;
+const RECONCILE_M_S: f64 = 0.5;
 /// A flight seen for less time teaches nothing of ball and table, ns.
 const INSTRUCTIVE_NS: u64 = 150_000_000;
 
 /// Drag and restitution of this ball and table relative to the rig file's, learned flight by flight.
+/// Mean and variance of each.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Habits {
+pub struct Habits {
     drag: (f64, f64),
     restitution: (f64, f64),
+}
+
+impl Habits {
+    /// Nothing learned yet.
+    pub fn new(latitude: &Latitude) -> Self {
+        Self { drag: (0.0, latitude.drag.powi(2)), restitution: (0.0, latitude.restitution.powi(2)) }
+    }
 }
 
 /// How far ball and table may differ from the rig file's constants, as standard deviations: of the
@@ -107,15 +123,12 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// Follows no ball yet.
-    pub fn new(flow: Flow, latitude: Latitude) -> Self {
+    /// Follows no ball yet, and knows of ball and table what `habits` say.
+    pub fn new(flow: Flow, latitude: Latitude, habits: Habits) -> Self {
         Self {
             flow,
             latitude,
-            habits: Habits {
-                drag: (0.0, latitude.drag.powi(2)),
-                restitution: (0.0, latitude.restitution.powi(2)),
-            },
+            habits,
             bank: Bank::default(),
             t_ns: 0,
             began_ns: 0,
@@ -227,6 +240,12 @@ impl Tracker {
         self.history.push_back(Entry { observation, bank: self.bank });
     }
 
+    /// Ends what is being followed, and tells what was learned of ball and table.
+    pub fn finish(mut self) -> Habits {
+        self.end();
+        self.habits
+    }
+
     /// The flight is over: what it taught of ball and table is kept.
     fn end(&mut self) {
         if let Some(best) = self.bank.best()
@@ -245,19 +264,28 @@ impl Tracker {
         self.history.clear();
     }
 
-    /// Looks whether the unexplained positions are the beginning of a flight, and begins it.
+    /// Looks whether the unexplained positions are the beginning of a flight, and begins it; or whether
+    /// they are the old flight's after all, seen with a common error.
     fn begin(&mut self) -> bool {
         let n = self.pending_len;
-        let found = (PROOF..=n)
-            .rev()
-            .find_map(|k| Beginning::fit(&self.pending[n - k..n], &self.flow).map(|b| (k, b)));
-        let found = found.or_else(|| {
-            // Two are enough where they come from where the last flight was: an outlier has no such past.
-            let two = self.pending[..n].last_chunk::<2>()?;
-            let beginning = Beginning::fit(two, &self.flow)?;
-            self.comes_from_flight(&beginning, two[0].t_ns).then_some((2, beginning))
+        let found = (2..=n).rev().find_map(|k| {
+            let beginning = Beginning::fit(&self.pending[n - k..n], &self.flow)?;
+            let proven = match self.bank.best() {
+                None => k >= PROOF,
+                // Two are enough where they come from where the last flight was: an outlier has no past.
+                Some(_) => {
+                    self.is_turn(&beginning, self.pending[n - k].t_ns)
+                        && (k >= PROOF || self.comes_from_flight(&beginning, self.pending[n - k].t_ns))
+                }
+            };
+            proven.then_some((k, beginning))
         });
-        let Some((k, beginning)) = found else { return false };
+        let Some((k, beginning)) = found else {
+            if n == PENDING && self.is_in_flight() {
+                self.reconcile();
+            }
+            return false;
+        };
         let first = n - k;
         self.end();
         self.flight_id += 1;
@@ -273,6 +301,39 @@ impl Tracker {
         }
         self.pending_len = 0;
         true
+    }
+
+    /// Whether a beginning's velocity differs from the flight's by more than errors explain. Positions
+    /// that are merely beside the flight have some error in common and are no hit.
+    fn is_turn(&self, beginning: &Beginning, first_ns: u64) -> bool {
+        self.bank_at(first_ns).all().iter().all(|h| {
+            let doubt = h.belief.covariance.fixed_view::<3, 3>(3, 3).trace().sqrt();
+            (beginning.velocity - h.belief.velocity()).norm()
+                > LEAST_TURN_M_S + 2.0 * doubt + 4.0 * beginning.velocity_sigma
+        })
+    }
+
+    /// Many positions in a row that no hypothesis explains, but that are no other flight either: the
+    /// belief was too narrow. It is widened to take them in.
+    fn reconcile(&mut self) {
+        let (n, mut t_ns) = (self.pending_len, self.t_ns);
+        let mut bank = self.bank;
+        for i in 0..n {
+            let observation = self.pending[i];
+            if observation.t_ns <= t_ns {
+                continue;
+            }
+            bank.advance(&self.flow, seconds(t_ns, observation.t_ns));
+            if i == 0 {
+                bank.widen(RECONCILE_M, RECONCILE_M_S);
+            }
+            t_ns = observation.t_ns;
+            bank.take_in(&observation.position, &observation.covariance);
+            self.bank = bank;
+            self.t_ns = t_ns;
+            self.remember(observation);
+        }
+        self.pending_len = 0;
     }
 
     /// Whether a beginning, followed back in time, meets the flight that was being followed.
@@ -319,12 +380,12 @@ impl Tracker {
 
 /// Takes an observation into the bank if it fits one of its hypotheses.
 fn accept(bank: &mut Bank, observation: &Observation) -> bool {
-    let chi2 = bank.chi2(&observation.position, &observation.covariance);
-    if chi2 > GATE_CHI2 {
+    let Observation { position, covariance, .. } = observation;
+    if bank.chi2(position, &(covariance * TAIL_VARIANCE)) > GATE_CHI2 {
         return false;
     }
-    let widened = observation.covariance * (chi2 / HUBER_CHI2).max(1.0);
-    bank.take_in(&observation.position, &widened);
+    let chi2 = bank.chi2(position, covariance);
+    bank.take_in(position, &(covariance * (chi2 / HUBER_CHI2).max(1.0)));
     true
 }
 
@@ -339,6 +400,8 @@ struct Beginning {
     position: Vector3<f64>,
     /// At the first position's instant, m/s.
     velocity: Vector3<f64>,
+    /// Standard deviation of the velocity, m/s.
+    velocity_sigma: f64,
 }
 
 impl Beginning {
@@ -379,7 +442,9 @@ impl Beginning {
             let tolerated = o.covariance + Matrix3::identity() * (slack * slack);
             tolerated.cholesky().is_some_and(|c| off.dot(&c.solve(&off)) < GATE_CHI2)
         });
-        fits.then_some(Self { position, velocity })
+        // The weights are inverse variances of all three coordinates together.
+        let velocity_sigma = (n / determinant).sqrt();
+        fits.then_some(Self { position, velocity, velocity_sigma })
     }
 
     /// Hypotheses at the first position's instant. Position and velocity are left open, since the

@@ -11,8 +11,9 @@ use crate::flight::{
     confidence,
     flow::{Flow, Table},
     forecast::{PATH_STEP_S, look_ahead},
-    settings,
-    tracker::{Observation, Tracker},
+    physics::Forces,
+    settings::Tuning,
+    tracker::{Habits, Observation, Tracker},
 };
 
 /// Horizons of the prediction error, ms.
@@ -40,8 +41,10 @@ pub struct EvaluateOptions {
     /// Height of the table's surface in recordings that are not in the table frame, m; otherwise it is
     /// found from the bounces.
     pub table_z_m: Option<f64>,
-    /// Standard deviation of the positions, m.
-    pub sigma_m: f64,
+    /// Standard deviation of the positions along x, y and z, m.
+    pub sigma_m: Vector3<f64>,
+    /// Noise of the model, and how far ball and table may differ from the constants.
+    pub tuning: Tuning,
 }
 
 impl Default for EvaluateOptions {
@@ -50,7 +53,8 @@ impl Default for EvaluateOptions {
             constants: FlightConstants::default(),
             ball: Ball::default(),
             table_z_m: None,
-            sigma_m: 0.0025,
+            sigma_m: Vector3::repeat(0.002),
+            tuning: Tuning::default(),
         }
     }
 }
@@ -58,11 +62,26 @@ impl Default for EvaluateOptions {
 /// Chance given to a prediction of the hitting point, and whether it held.
 pub type Bet = (f64, bool);
 
+/// One prediction of where the ball would be, and how far it was off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PredictionError {
+    /// How far ahead: one of [`HORIZONS_MS`].
+    pub horizon_ms: u32,
+    /// Prediction less truth, m.
+    pub error_m: Vector3<f64>,
+    /// How long the flight had been seen, s.
+    pub seen_s: f64,
+    /// Bounces seen before.
+    pub bounces_before: usize,
+    /// Bounces between the prediction and its instant.
+    pub bounces_ahead: usize,
+}
+
 /// Errors of one recording, or of many together.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Evaluation {
-    /// Distance between prediction and truth by horizon, as [`HORIZONS_MS`], m.
-    pub prediction_m: [Vec<f64>; HORIZONS_MS.len()],
+    /// Every prediction of a place.
+    pub predictions: Vec<PredictionError>,
     /// Distance between predicted and true landing point by lead, as [`LEADS_MS`], m.
     pub landing_m: [Vec<f64>; LEADS_MS.len()],
     /// Distance between predicted and true hitting point by horizon (to the nearest 0.1 s), m.
@@ -80,6 +99,12 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
+    /// Distances between prediction and truth at one horizon, m.
+    pub fn prediction_errors_m(&self, horizon_ms: u32) -> Vec<f64> {
+        let at = self.predictions.iter().filter(|p| p.horizon_ms == horizon_ms);
+        at.map(|p| p.error_m.norm()).collect()
+    }
+
     /// Adds the errors of another recording.
     pub fn append(&mut self, other: &mut Self) {
         let pairs = |a: &mut [Vec<f64>], b: &mut [Vec<f64>]| {
@@ -87,7 +112,7 @@ impl Evaluation {
                 a.append(b);
             }
         };
-        pairs(&mut self.prediction_m, &mut other.prediction_m);
+        self.predictions.append(&mut other.predictions);
         pairs(&mut self.landing_m, &mut other.landing_m);
         pairs(&mut self.hitting_m, &mut other.hitting_m);
         self.bets.append(&mut other.bets);
@@ -116,15 +141,64 @@ pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option
         let dense = &dense[..dense.partition_point(|z| z - dense[0] < 0.02)];
         Some(dense[dense.len() / 2] - options.ball.radius_m())
     })?;
-    Some(Table { surface_z_m, edges_known: surface_z_m.abs() < SAME_FRAME_M })
+    // Whether a net is up is not known: ball guns are tried without.
+    Some(Table { surface_z_m, edges_known: surface_z_m.abs() < SAME_FRAME_M, net: false })
 }
 
-/// Runs over one recording as if live.
-pub fn evaluate(recording: &Recording, table: Option<Table>, options: &EvaluateOptions) -> Evaluation {
-    let mut flow = Flow::new(&options.constants, &options.ball, table, settings::NOISE);
+/// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
+/// shows it: from third differences, which no flight has, by their median size.
+pub fn find_noise(recordings: &[Recording]) -> Option<Vector3<f64>> {
+    /// Nearly equal steps only: the weights 1, −3, 3, −1 are for such.
+    const EVEN: f64 = 0.25;
+    let mut sizes: [Vec<f64>; 3] = Default::default();
+    for w in recordings.iter().flat_map(|r| r.samples.windows(4)) {
+        let step = (w[3].t_s - w[0].t_s) / 3.0;
+        if step > 0.02 || w.windows(2).any(|p| (p[1].t_s - p[0].t_s - step).abs() > EVEN * step) {
+            continue;
+        }
+        // Lagrange's weights for the times as they are.
+        let weight =
+            |i: usize| -> f64 { (0..4).filter(|j| *j != i).map(|j| 1.0 / (w[i].t_s - w[j].t_s)).product() };
+        let weights = [0, 1, 2, 3].map(weight);
+        let norm = weights.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let difference = (0..4).map(|i| w[i].position * (weights[i] / norm)).sum::<Vector3<f64>>();
+        for (sizes, d) in sizes.iter_mut().zip(difference.iter()) {
+            sizes.push(d.abs());
+        }
+    }
+    let median = |sizes: &mut Vec<f64>| {
+        sizes.sort_by(f64::total_cmp);
+        sizes.get(sizes.len() / 2).copied()
+    };
+    let [x, y, z] = &mut sizes;
+    // 1.4826: the median size of a normal variable is its standard deviation over this.
+    Some(Vector3::new(median(x)?, median(y)?, median(z)?) * 1.4826)
+}
+
+/// Runs over recordings of one set, one after the other as if live: what a flight teaches of ball and
+/// table is known in the next.
+pub fn evaluate_set(recordings: &[Recording], table: Option<Table>, options: &EvaluateOptions) -> Evaluation {
+    let mut habits = Habits::new(&options.tuning.latitude);
+    let mut all = Evaluation::default();
+    for recording in recordings {
+        let (mut one, learned) = evaluate(recording, table, options, habits);
+        all.append(&mut one);
+        habits = learned;
+    }
+    all
+}
+
+/// Runs over one recording as if live, knowing `habits`; returns what is known then as well.
+pub fn evaluate(
+    recording: &Recording,
+    table: Option<Table>,
+    options: &EvaluateOptions,
+    habits: Habits,
+) -> (Evaluation, Habits) {
+    let mut flow = Flow::new(&options.constants, &options.ball, table, options.tuning.noise);
     // Recordings are upright even where no table was found.
-    flow.forces = crate::flight::physics::Forces::new(&options.constants, &options.ball);
-    let mut tracker = Tracker::new(flow, settings::LATITUDE);
+    flow.forces = Forces::new(&options.constants, &options.ball);
+    let mut tracker = Tracker::new(flow, options.tuning.latitude, habits);
     let level_z = table.map_or(f64::NEG_INFINITY, |t| t.surface_z_m + options.ball.radius_m());
     let mut result = Evaluation::default();
     let mut start = 0;
@@ -141,14 +215,14 @@ pub fn evaluate(recording: &Recording, table: Option<Table>, options: &EvaluateO
         );
         start = range.end;
     }
-    result
+    (result, tracker.finish())
 }
 
 fn observation(sample: &Sample, options: &EvaluateOptions) -> Observation {
     Observation {
         t_ns: ns(sample.t_s),
         position: sample.position,
-        covariance: Matrix3::identity() * options.sigma_m.powi(2),
+        covariance: Matrix3::from_diagonal(&options.sigma_m.map(|s| s * s)),
     }
 }
 
@@ -172,7 +246,7 @@ struct Said {
 
 fn ask(tracker: &Tracker, t_s: f64, plane_y_m: f64) -> Option<Said> {
     let bank = tracker.bank_at(ns(t_s));
-    let best = bank.best()?;
+    let best = bank.consensus()?;
     let mut path = [Vector3::zeros(); HORIZONS_MS.len()];
     let ahead = look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief| {
         let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
@@ -220,7 +294,14 @@ fn evaluate_flight(
         let Some(said) = said.or_else(|| guess(&flight[..=k])) else { continue };
         for (i, ms) in HORIZONS_MS.iter().enumerate() {
             if let Some(p) = truth::position_at(flight, sample.t_s + f64::from(*ms) * 1e-3) {
-                result.prediction_m[i].push((said.path[i] - p).norm());
+                let until_s = sample.t_s + f64::from(*ms) * 1e-3;
+                result.predictions.push(PredictionError {
+                    horizon_ms: *ms,
+                    error_m: said.path[i] - p,
+                    seen_s,
+                    bounces_before: bounces.iter().filter(|b| b.t_s <= sample.t_s).count(),
+                    bounces_ahead: bounces.iter().filter(|b| b.t_s > sample.t_s && b.t_s <= until_s).count(),
+                });
             }
         }
         let next_s = flight.get(k + 1).map_or(f64::INFINITY, |s| s.t_s);
@@ -240,13 +321,25 @@ fn evaluate_flight(
             && !spin_judged
             && seen_s >= SPIN_AFTER_S
             && truth.norm() > LEAST_SPIN_RAD_S
-            && let Some(best) = tracker.bank_at(ns(sample.t_s)).best()
+            && let Some(best) = tracker.bank_at(ns(sample.t_s)).consensus()
             && let Some(arc) = Arc::fit(&flight[..flight.partition_point(|s| s.t_s < begin_s + WARM_UP_S)])
         {
             spin_judged = true;
             let along = arc.velocity(begin_s).normalize();
             let across = |w: &Vector3<f64>| w - along * along.dot(w);
             let error = best.belief.struck_spin - truth;
+            if std::env::var("SPIN").is_ok() {
+                eprintln!(
+                    "{} w {:?} est {:?} sd {:?} b {} v {:?} wt {:?}",
+                    recording.name,
+                    across(&truth).map(|v| v.round()).as_slice(),
+                    across(&best.belief.struck_spin).map(|v| v.round()).as_slice(),
+                    best.belief.covariance.diagonal().fixed_rows::<3>(6).map(|v| v.sqrt().round()).as_slice(),
+                    best.bounces,
+                    along.map(|v| (v * 100.0).round()).as_slice(),
+                    bank_weights(tracker)
+                );
+            }
             result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
             result.spin_full.push(error.norm() / truth.norm());
         }
@@ -270,4 +363,7 @@ fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut 
     if (1..=HORIZONS_MS.len()).contains(&nearest) {
         result.hitting_m[nearest - 1].push(error);
     }
+}
+fn bank_weights(t: &Tracker) -> Vec<f64> {
+    t.bank_at(t.last_seen_ns()).all().iter().map(|h| (h.weight * 1000.0).round() / 1000.0).collect()
 }

@@ -4,5 +4,8 @@ mod evaluate;
 mod parse;
 mod truth;
 
-pub use evaluate::{Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate, find_table};
+pub use evaluate::{
+    Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, PredictionError, evaluate_set, find_noise,
+    find_table,
+};
 pub use parse::{RecordedFrame, Recording, RecordingError, Sample, parse};

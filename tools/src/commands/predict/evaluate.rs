@@ -2,10 +2,10 @@
 
 use std::{fs, path::Path};
 
+use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
-    Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate, find_table,
+    Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate_set, find_noise, find_table,
 };
-use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::files::Set;
@@ -15,11 +15,18 @@ use crate::exit::{CommandResult, Outcome};
 const BINS: usize = 10;
 
 /// Evaluates all sets, prints a table of each and of all together, and writes the report.
-pub fn run(sets: &[Set], options: &EvaluateOptions, report: Option<&Path>) -> CommandResult {
+pub fn run(
+    sets: &[Set],
+    options: &EvaluateOptions,
+    sigma_m: Option<f64>,
+    report: Option<&Path>,
+) -> CommandResult {
     let mut all = Evaluation::default();
     let mut by_set = Map::new();
     for set in sets {
         let table = find_table(&set.recordings, options);
+        let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings));
+        let options = &EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), ..*options };
         let each: Vec<Evaluation> = set.recordings.par_iter().map(|r| evaluate(r, table, options)).collect();
         let mut of_set = Evaluation::default();
         for mut one in each {
@@ -29,6 +36,7 @@ pub fn run(sets: &[Set], options: &EvaluateOptions, report: Option<&Path>) -> Co
         let surface = table.map(|t| t.surface_z_m);
         figures.insert("recordings".into(), json!(set.recordings.len()));
         figures.insert("table_z_m".into(), json!(surface));
+        figures.insert("sigma_m".into(), json!(options.sigma_m.as_slice()));
         print(&format!("{} ({} recordings)", set.name, set.recordings.len()), &figures);
         by_set.insert(set.name.clone(), Value::Object(figures));
         all.append(&mut of_set);
@@ -68,7 +76,7 @@ fn by_ms(ms: &[u32], values: &[Vec<f64>]) -> Value {
 
 fn figures(e: &Evaluation) -> Map<String, Value> {
     let figures = json!({
-        "prediction_error_mm": by_ms(&HORIZONS_MS, &e.prediction_m),
+        "prediction_error_mm": by_ms(&HORIZONS_MS, &HORIZONS_MS.map(|ms| e.prediction_errors_m(ms))),
         "landing_error_mm": by_ms(&LEADS_MS, &e.landing_m),
         "hitting_plane_error_mm": by_ms(&HORIZONS_MS, &e.hitting_m),
         "spin_error_ratio": errors(&e.spin_perpendicular, 1.0),

@@ -44,15 +44,14 @@ pub struct Args {
     #[arg(long, value_name = "Z", allow_negative_numbers = true)]
     table_z: Option<f64>,
 
-    /// Standard deviation of the recorded positions, m.
-    #[arg(long, value_name = "S", default_value_t = EvaluateOptions::default().sigma_m)]
-    sigma: f64,
+    /// Standard deviation of the recorded positions, m; default: found from their scatter.
+    #[arg(long, value_name = "S")]
+    sigma: Option<f64>,
 }
 
 impl Args {
     fn evaluate_options(&self) -> Result<EvaluateOptions, netcord_common::rig::RigError> {
-        let mut options =
-            EvaluateOptions { table_z_m: self.table_z, sigma_m: self.sigma, ..EvaluateOptions::default() };
+        let mut options = EvaluateOptions { table_z_m: self.table_z, ..EvaluateOptions::default() };
         if let Some(path) = &self.rig {
             let rig = Rig::load(path)?;
             (options.constants, options.ball) = (rig.flight, rig.ball);
@@ -69,7 +68,7 @@ pub fn run(args: &Args) -> CommandResult {
 =======
     if !args.evaluate.is_empty() {
         let sets = files::load(&args.evaluate)?;
-        return evaluate::run(&sets, &args.evaluate_options()?, args.report.as_deref());
+        return evaluate::run(&sets, &args.evaluate_options()?, args.sigma, args.report.as_deref());
     }
     let rig = args.rig.as_ref().ok_or("no rig: give its file with --rig RIG.toml")?;
     live(args, &Rig::load(rig)?)
