@@ -150,6 +150,17 @@ impl Bank {
             .fold(f64::INFINITY, f64::min)
     }
 
+    /// Logarithm of the probability density of a position, without the constant; `None` without
+    /// hypotheses. Bounded below as in [`Self::take_in`].
+    pub fn log_likelihood(&self, position: &Vector3<f64>, r: &Matrix3<f64>) -> Option<f64> {
+        let mut density = 0.0;
+        for h in self.all() {
+            let a = h.belief.agreement(position, r)?;
+            density += h.weight * (a.log_likelihood + 0.5 * (a.chi2 - a.chi2.min(WORST_CHI2))).exp();
+        }
+        (density > 0.0).then(|| density.ln())
+    }
+
     /// Takes a position in: Bayes' rule on the weights, Kalman's on each belief.
     pub fn take_in(&mut self, position: &Vector3<f64>, r: &Matrix3<f64>) {
         let mut logs = [f64::NEG_INFINITY; MAX_HYPOTHESES];

@@ -184,7 +184,7 @@ mod tests {
     use crate::flight::physics::{STATE, join};
 
     fn table() -> Surface {
-        Surface::table(&FlightConstants::default(), 0.02)
+        Surface { restitution: 0.98, restitution_slope_s_m: 0.02, friction: 0.25, radius_m: 0.02 }
     }
 
     fn state(v: [f64; 3], w: [f64; 3]) -> State {

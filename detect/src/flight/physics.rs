@@ -152,7 +152,12 @@ mod tests {
     use super::*;
 
     fn forces() -> Forces {
-        let published = FlightConstants { drag: 0.47, magnus: 0.12, ..FlightConstants::default() };
+        let published = FlightConstants {
+            drag: 0.47,
+            magnus: 0.12,
+            magnus_saturation: 0.0,
+            ..FlightConstants::default()
+        };
         Forces::new(&published, &Ball::default())
     }
 

@@ -15,8 +15,14 @@ const RIG: &str = include_str!("../../../common/rigs/example-2cam.toml");
 /// The simulation's own step, s.
 const TICK_S: f64 = 1e-5;
 
+/// The example rig with the constants of this simulation, the published middle values.
 fn rig() -> Rig {
-    Rig::parse(RIG, "example-2cam.toml".as_ref()).expect("the example is valid")
+    let mut rig = Rig::parse(RIG, "example-2cam.toml".as_ref()).expect("the example is valid");
+    rig.flight.drag = 0.47;
+    (rig.flight.magnus, rig.flight.magnus_saturation) = (0.12, 0.0);
+    (rig.flight.restitution, rig.flight.restitution_slope_s_m) = (0.98, 0.02);
+    (rig.flight.friction, rig.flight.air_density_kg_m3) = (0.25, 1.204);
+    rig
 }
 
 /// A ball, moved by Euler's method in tiny steps: slow, simple, and not the predictor's code.

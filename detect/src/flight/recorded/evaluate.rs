@@ -145,6 +145,10 @@ pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option
     Some(Table { surface_z_m, edges_known: surface_z_m.abs() < SAME_FRAME_M, net: false })
 }
 
+/// How much larger the errors of positions are than their scatter from one to the next shows: slow
+/// errors (of calibration, of a camera that takes over) are common to neighbours. Found with the tuning.
+const SLOW_ERRORS: f64 = 2.0;
+
 /// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
 /// shows it: from third differences, which no flight has, by their median size.
 pub fn find_noise(recordings: &[Recording]) -> Option<Vector3<f64>> {
@@ -172,7 +176,7 @@ pub fn find_noise(recordings: &[Recording]) -> Option<Vector3<f64>> {
     };
     let [x, y, z] = &mut sizes;
     // 1.4826: the median size of a normal variable is its standard deviation over this.
-    Some(Vector3::new(median(x)?, median(y)?, median(z)?) * 1.4826)
+    Some(Vector3::new(median(x)?, median(y)?, median(z)?) * (1.4826 * SLOW_ERRORS))
 }
 
 /// Runs over recordings of one set, one after the other as if live: what a flight teaches of ball and
@@ -218,7 +222,7 @@ pub fn evaluate(
     (result, tracker.finish())
 }
 
-fn observation(sample: &Sample, options: &EvaluateOptions) -> Observation {
+pub(super) fn observation(sample: &Sample, options: &EvaluateOptions) -> Observation {
     Observation {
         t_ns: ns(sample.t_s),
         position: sample.position,
@@ -328,18 +332,6 @@ fn evaluate_flight(
             let along = arc.velocity(begin_s).normalize();
             let across = |w: &Vector3<f64>| w - along * along.dot(w);
             let error = best.belief.struck_spin - truth;
-            if std::env::var("SPIN").is_ok() {
-                eprintln!(
-                    "{} w {:?} est {:?} sd {:?} b {} v {:?} wt {:?}",
-                    recording.name,
-                    across(&truth).map(|v| v.round()).as_slice(),
-                    across(&best.belief.struck_spin).map(|v| v.round()).as_slice(),
-                    best.belief.covariance.diagonal().fixed_rows::<3>(6).map(|v| v.sqrt().round()).as_slice(),
-                    best.bounces,
-                    along.map(|v| (v * 100.0).round()).as_slice(),
-                    bank_weights(tracker)
-                );
-            }
             result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
             result.spin_full.push(error.norm() / truth.norm());
         }
@@ -363,7 +355,4 @@ fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut 
     if (1..=HORIZONS_MS.len()).contains(&nearest) {
         result.hitting_m[nearest - 1].push(error);
     }
-}
-fn bank_weights(t: &Tracker) -> Vec<f64> {
-    t.bank_at(t.last_seen_ns()).all().iter().map(|h| (h.weight * 1000.0).round() / 1000.0).collect()
 }

@@ -1,6 +1,7 @@
 //! Recorded flights: their formats, what truly happened in them, how well they are predicted.
 
 mod evaluate;
+mod fit;
 mod parse;
 mod truth;
 
@@ -8,4 +9,5 @@ pub use evaluate::{
     Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, PredictionError, evaluate_set, find_noise,
     find_table,
 };
+pub use fit::{FITTED, FITTED_NAMES, Fit, FitSet, fit, is_held_out};
 pub use parse::{RecordedFrame, Recording, RecordingError, Sample, parse};

@@ -8,8 +8,11 @@ use netcord_detect::flight::recorded::{
 };
 use serde_json::{Map, Value, json};
 
-use super::files::Set;
-use crate::exit::{CommandResult, Outcome};
+use super::{files::Set, plot::ErrorPlot};
+use crate::{
+    exit::{CommandResult, Outcome},
+    plot,
+};
 
 /// Bins of the confidence, of equal numbers of predictions.
 const BINS: usize = 10;
@@ -27,11 +30,7 @@ pub fn run(
         let table = find_table(&set.recordings, options);
         let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings));
         let options = &EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), ..*options };
-        let each: Vec<Evaluation> = set.recordings.par_iter().map(|r| evaluate(r, table, options)).collect();
-        let mut of_set = Evaluation::default();
-        for mut one in each {
-            of_set.append(&mut one);
-        }
+        let mut of_set = evaluate_set(&set.recordings, table, options);
         let mut figures = figures(&of_set);
         let surface = table.map(|t| t.surface_z_m);
         figures.insert("recordings".into(), json!(set.recordings.len()));
@@ -48,12 +47,13 @@ pub fn run(
     figures.insert("sets".into(), Value::Object(by_set));
     if let Some(path) = report {
         fs::write(path, format!("{:#}\n", Value::Object(figures)))?;
+        plot::draw(&path.with_extension("png"), (1200, 500), &ErrorPlot(&all))?;
     }
     Ok(Outcome::Good)
 }
 
 /// The value below which a share of the values lies.
-fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+pub fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;
     let place = share * last as f64;
@@ -91,20 +91,33 @@ fn figures(e: &Evaluation) -> Map<String, Value> {
     }
 }
 
-/// Predictions by their confidence, in bins of equal number: mean confidence, share that held.
-fn bins(bets: &[Bet]) -> Value {
+/// Predictions of like confidence.
+pub struct Bin {
+    /// Mean confidence.
+    pub confidence: f64,
+    /// Share that held.
+    pub held: f64,
+    /// How many.
+    pub n: usize,
+}
+
+/// Predictions by their confidence, in bins of equal number.
+pub fn confidence_bins(bets: &[Bet]) -> Vec<Bin> {
     let mut bets = bets.to_vec();
     bets.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let size = bets.len().div_ceil(BINS).max(1);
-    bets.chunks(size)
-        .map(|bin| {
-            let n = bin.len() as f64;
-            json!({
-                "confidence": bin.iter().map(|b| b.0).sum::<f64>() / n,
-                "held": bin.iter().filter(|b| b.1).count() as f64 / n,
-                "n": bin.len(),
-            })
+    bets.chunks(bets.len().div_ceil(BINS).max(1))
+        .map(|bin| Bin {
+            confidence: bin.iter().map(|b| b.0).sum::<f64>() / bin.len() as f64,
+            held: bin.iter().filter(|b| b.1).count() as f64 / bin.len() as f64,
+            n: bin.len(),
         })
+        .collect()
+}
+
+fn bins(bets: &[Bet]) -> Value {
+    confidence_bins(bets)
+        .iter()
+        .map(|b| json!({ "confidence": b.confidence, "held": b.held, "n": b.n }))
         .collect::<Vec<_>>()
         .into()
 }

@@ -2,16 +2,13 @@
 
 mod evaluate;
 mod files;
+mod fit;
+mod plot;
 
 use std::path::PathBuf;
 
-<<<<<<< HEAD:tools/src/commands/predict.rs
-use netcord_common::DomainName;
-use netcord_detect::flight::{self, PredictOptions};
-=======
-use netcord_common::{Counters, DomainName, Shutdown, bus::Bus, rig::Rig};
+use netcord_common::{DomainName, rig::Rig};
 use netcord_detect::flight::{self, PredictOptions, recorded::EvaluateOptions};
->>>>>>> 9925ce7 (netcord predict --evaluate: prediction, landing, hitting and spin errors over recorded flights):tools/src/commands/predict/mod.rs
 
 use super::RigArgs;
 use crate::{exit::CommandResult, stage};
@@ -35,7 +32,11 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "FLIGHTS")]
     evaluate: Vec<PathBuf>,
 
-    /// Where the figures of --evaluate are written, as JSON.
+    /// Instead of running live: fit the physical constants to these recorded flights, one in three held out.
+    #[arg(long, num_args = 1.., value_name = "FLIGHTS", conflicts_with = "evaluate")]
+    fit: Vec<PathBuf>,
+
+    /// Where the figures of --evaluate or --fit are written, as JSON; a plot of the errors beside it, as PNG.
     #[arg(long, value_name = "R.json")]
     report: Option<PathBuf>,
 
@@ -62,23 +63,16 @@ impl Args {
 
 /// Runs the subcommand.
 pub fn run(args: &Args) -> CommandResult {
-<<<<<<< HEAD:tools/src/commands/predict.rs
-    let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;
-    let rig = RigArgs { rig, domain: args.domain.clone() };
-=======
     if !args.evaluate.is_empty() {
         let sets = files::load(&args.evaluate)?;
         return evaluate::run(&sets, &args.evaluate_options()?, args.sigma, args.report.as_deref());
     }
-    let rig = args.rig.as_ref().ok_or("no rig: give its file with --rig RIG.toml")?;
-    live(args, &Rig::load(rig)?)
-}
-
-fn live(args: &Args, rig: &Rig) -> CommandResult {
-    let domain = args.domain.clone().unwrap_or_else(|| rig.name.clone());
-    let stop = Shutdown::on_signals()?;
-    let bus = Bus::join(&domain, "predict")?;
->>>>>>> 9925ce7 (netcord predict --evaluate: prediction, landing, hitting and spin errors over recorded flights):tools/src/commands/predict/mod.rs
+    if !args.fit.is_empty() {
+        let sets = files::load(&args.fit)?;
+        return fit::run(&sets, &args.evaluate_options()?, args.sigma, args.report.as_deref());
+    }
+    let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;
+    let rig = RigArgs { rig, domain: args.domain.clone() };
     let options = PredictOptions { hitting_plane_y_m: args.hitting_plane_y_m };
     stage::run("predict", &rig, |stage| {
         flight::live::run(&stage.bus, &stage.rig, options, &stage.stop, &stage.counters, || {

@@ -1,0 +1,60 @@
+//! The picture beside the report: errors by horizon, and confidence against what held.
+
+use netcord_detect::flight::recorded::{Evaluation, HORIZONS_MS};
+use plotters::{
+    coord::Shift,
+    prelude::{
+        BLACK, BLUE, ChartBuilder, Circle, Color as _, DrawingArea, DrawingAreaErrorKind, DrawingBackend,
+        LineSeries, RED,
+    },
+};
+
+use super::evaluate::{confidence_bins, quantile};
+use crate::plot::{FONT, Painter};
+
+/// Errors and confidence of one evaluation.
+pub struct ErrorPlot<'a>(pub &'a Evaluation);
+
+impl Painter for ErrorPlot<'_> {
+    fn paint<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        area.fill(&plotters::style::WHITE)?;
+        let halves = area.split_evenly((1, 2));
+        let line = |share: f64| {
+            HORIZONS_MS.map(|ms| {
+                let error = quantile(&mut self.0.prediction_errors_m(ms), share).unwrap_or(0.0);
+                (f64::from(ms), error * 1e3)
+            })
+        };
+        let (median, p90) = (line(0.5), line(0.9));
+        let top = p90.iter().map(|p| p.1).fold(10.0, f64::max) * 1.1;
+        let mut chart = ChartBuilder::on(&halves[0])
+            .caption("prediction error: median (blue), p90 (red)", (FONT, 20))
+            .margin(12)
+            .x_label_area_size(40)
+            .y_label_area_size(50)
+            .build_cartesian_2d(0.0..550.0, 0.0..top)?;
+        chart.configure_mesh().x_desc("ms ahead").y_desc("mm").label_style((FONT, 15)).draw()?;
+        chart.draw_series(LineSeries::new(median, BLUE.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(p90, RED.stroke_width(2)))?;
+
+        let mut chart = ChartBuilder::on(&halves[1])
+            .caption("hitting point within 40 mm", (FONT, 20))
+            .margin(12)
+            .x_label_area_size(40)
+            .y_label_area_size(50)
+            .build_cartesian_2d(0.0..1.0, 0.0..1.0)?;
+        chart
+            .configure_mesh()
+            .x_desc("confidence")
+            .y_desc("share that held")
+            .label_style((FONT, 15))
+            .draw()?;
+        chart.draw_series(LineSeries::new([(0.0, 0.0), (1.0, 1.0)], BLACK.mix(0.4)))?;
+        let bins = confidence_bins(&self.0.bets);
+        chart.draw_series(bins.iter().map(|b| Circle::new((b.confidence, b.held), 4, BLUE.filled())))?;
+        Ok(())
+    }
+}
