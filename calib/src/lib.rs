@@ -1,3 +1,17 @@
-//! Calibration: boards, their detection, and the mathematics from corners to a rig.
+//! Calibration: from printed boards to a rig whose every number carries its uncertainty.
+//!
+//! [`board`] describes and prints boards, [`detect`] finds them in pictures, [`gather`] chooses views, and
+//! [`solve`] computes cameras, rigs and their covariances.
+//!
+//! ```
+//! use netcord_calib::board::CalibrationBoard;
+//!
+//! let board = CalibrationBoard::parse("charuco:11x8:DICT_5X5_250:30mm:22mm", |_| Err("no files".into()))?;
+//! assert_eq!(board.corners().len(), 70);
+//! # Ok::<(), netcord_calib::board::BoardError>(())
+//! ```
 
+pub mod board;
+pub mod detect;
+pub mod gather;
 pub mod solve;

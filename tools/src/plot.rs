@@ -22,17 +22,22 @@ pub struct PlotError {
     cause: String,
 }
 
-/// Draws `painter`'s plot of `size` pixels into `path`: SVG when it ends so, else PNG.
-///
-/// # Errors
-/// [`PlotError`] when the file cannot be written or the plot cannot be drawn.
-pub fn draw<P: Painter>(path: &Path, size: (u32, u32), painter: &P) -> Result<(), PlotError> {
+/// Makes [`FONT`] known to plotters.
+pub fn register_fonts() {
     static REGISTERED: Once = Once::new();
     REGISTERED.call_once(|| {
         // It fails only on bytes that are no font.
         let _ = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
         let _ = register_font(FONT, FontStyle::Bold, epaint_default_fonts::UBUNTU_LIGHT);
     });
+}
+
+/// Draws `painter`'s plot of `size` pixels into `path`: SVG when it ends so, else PNG.
+///
+/// # Errors
+/// [`PlotError`] when the file cannot be written or the plot cannot be drawn.
+pub fn draw<P: Painter>(path: &Path, size: (u32, u32), painter: &P) -> Result<(), PlotError> {
+    register_fonts();
     let failed = |cause: String| PlotError { path: path.display().to_string(), cause };
     if path.extension().is_some_and(|e| e == "svg") {
         let area = SVGBackend::new(path, size).into_drawing_area();

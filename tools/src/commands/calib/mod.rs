@@ -1,7 +1,9 @@
-//! `netcord calib`: boards, calibration of cameras, rigs and the table, and checking them.
+//! `netcord calib`: boards, calibration of cameras and rigs.
 
-mod corners;
+mod board;
+mod input;
 mod options;
+mod save;
 mod solve;
 
 use clap::Subcommand;
@@ -17,6 +19,8 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Draw a board to print: SVG, PDF or PNG at true scale, with a ruler.
+    Board(board::Args),
     /// Calibrate the intrinsics of cameras, one by one.
     Mono(solve::MonoArgs),
     /// Calibrate the pose of a second camera from simultaneous views.
@@ -28,6 +32,7 @@ enum Action {
 /// Runs `netcord calib`.
 pub fn run(args: &Args) -> CommandResult {
     match &args.action {
+        Action::Board(args) => board::run(args),
         Action::Mono(args) => solve::mono(args),
         Action::Stereo(args) => solve::stereo(args),
         Action::Rig(args) => solve::rig(args),

@@ -8,15 +8,22 @@ use netcord_calib::solve::{
     calibrate_mono, calibrate_rig, coverage, cross_validate,
 };
 
-use super::{corners, options::SolverArgs};
+use super::{
+    input::{Input, InputArgs},
+    options::SolverArgs,
+    save,
+};
 use crate::exit::{CommandResult, Outcome};
 
 /// Arguments of `netcord calib mono`.
 #[derive(Debug, clap::Args)]
 pub struct MonoArgs {
-    /// Corners from a file, instead of pictures.
-    #[arg(long, value_name = "FILE.json")]
-    corners: PathBuf,
+    #[command(flatten)]
+    input: InputArgs,
+
+    /// Write the result into this rig file; cameras go by name.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
 
     #[command(flatten)]
     solver: SolverArgs,
@@ -34,9 +41,12 @@ pub enum Intrinsics {
 /// Arguments of `netcord calib stereo` and `netcord calib rig`.
 #[derive(Debug, clap::Args)]
 pub struct RigArgs {
-    /// Corners from a file, instead of pictures.
-    #[arg(long, value_name = "FILE.json")]
-    corners: PathBuf,
+    #[command(flatten)]
+    input: InputArgs,
+
+    /// Write the result into this rig file; cameras go by name.
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
 
     /// Whether intrinsics are refined together with the poses.
     #[arg(long, value_enum, default_value = "fixed")]
@@ -48,13 +58,16 @@ pub struct RigArgs {
 
 /// Runs `netcord calib mono`.
 pub fn mono(args: &MonoArgs) -> CommandResult {
-    let cameras = corners::load(&args.corners)?;
+    let Input { cameras, board } = args.input.load(false)?;
     let results = calibrate_each(&cameras, &args.solver)?;
     let report = Report::of_mono(&results);
     for (c, coverage, validation) in &results {
         print_mono(c, *coverage, validation.as_ref());
     }
     write(&report, &args.solver)?;
+    if let Some(rig) = &args.rig {
+        save::intrinsics(rig, &board, results.iter().map(|(c, ..)| c))?;
+    }
     Ok(Outcome::Good)
 }
 
@@ -73,10 +86,11 @@ pub fn stereo(args: &RigArgs) -> CommandResult {
 
 /// Runs `netcord calib rig`.
 pub fn rig(args: &RigArgs) -> CommandResult {
-    solve_rig("rig", &corners::load(&args.corners)?, args)
+    solve_rig("rig", &args.input.load(true)?, args)
 }
 
-fn solve_rig(kind: &'static str, cameras: &[CameraViews], args: &RigArgs) -> CommandResult {
+fn solve_rig(kind: &'static str, input: &Input, args: &RigArgs) -> CommandResult {
+    let cameras = &input.cameras;
     let results = calibrate_each(cameras, &args.solver)?;
     let models: Vec<_> = results.iter().map(|(c, ..)| c.model).collect();
     let free = if args.intrinsics == Intrinsics::Free { args.solver.free() } else { [false; 9] };
@@ -84,6 +98,10 @@ fn solve_rig(kind: &'static str, cameras: &[CameraViews], args: &RigArgs) -> Com
     let coverage: Vec<f64> = results.iter().map(|(_, c, _)| *c).collect();
     print_rig(&rig);
     write(&Report::of_rig(kind, &rig, &coverage), &args.solver)?;
+    if let Some(path) = &args.rig {
+        save::intrinsics(path, &input.board, results.iter().map(|(c, ..)| c))?;
+        save::rig(path, &input.board, &rig)?;
+    }
     Ok(if rig.rejected.is_empty() { Outcome::Good } else { Outcome::Missed })
 }
 

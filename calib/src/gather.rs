@@ -1,0 +1,257 @@
+//! Gathering views from pictures: what is read, which are kept, and why others are not.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+use thiserror::Error;
+
+use crate::{
+    detect::{Absence, BoardView, Depth, Detector, Luma},
+    solve::{CameraViews, View},
+};
+
+/// Which views are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GatherOptions {
+    /// A view is kept when the intersection over union of its board's outline with that of every view kept
+    /// before is at most this.
+    pub max_iou: f64,
+    /// Fewest corners, as a share of the board's.
+    pub min_corners: f64,
+    /// Most views kept: more take longer and make it no better.
+    pub max_views: usize,
+    /// Whether views whose corners' numbers are not sure are of use: yes for one camera alone.
+    pub allow_unanchored: bool,
+}
+
+impl Default for GatherOptions {
+    fn default() -> Self {
+        Self { max_iou: 0.85, min_corners: 0.25, max_views: 40, allow_unanchored: true }
+    }
+}
+
+/// Why a picture was not kept.
+#[derive(Debug, Error)]
+pub enum Rejection {
+    /// It cannot be read.
+    #[error("it cannot be read as a picture: {0}")]
+    Unreadable(String),
+    /// It has another size than the first.
+    #[error("it is {found:?} px, but the first picture of this camera is {expected:?} px")]
+    Size {
+        /// Its size.
+        found: (u32, u32),
+        /// The first picture's size.
+        expected: (u32, u32),
+    },
+    /// There is no board.
+    #[error(transparent)]
+    NoBoard(#[from] Absence),
+    /// Too little of the board.
+    #[error("only {found} of {all} corners were found; at least {needed} are needed")]
+    FewCorners {
+        /// Found.
+        found: usize,
+        /// On the board.
+        all: usize,
+        /// Needed.
+        needed: usize,
+    },
+    /// Nobody knows which corners these are.
+    #[error("the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show all of it")]
+    Unanchored,
+    /// Much like one that was kept.
+    #[error("the board stands as in {like} (intersection over union {iou:.2})")]
+    Alike {
+        /// That view.
+        like: String,
+        /// Intersection over union of the outlines.
+        iou: f64,
+    },
+    /// Enough views.
+    #[error("there are already {0} views, which is enough")]
+    Enough(usize),
+}
+
+/// A picture on disk.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Picture {
+    /// Name of the view; pictures of one name in several cameras are simultaneous.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+}
+
+/// What became of a camera's pictures.
+#[derive(Debug)]
+pub struct Gathered {
+    /// The views kept.
+    pub views: CameraViews,
+    /// All others, with the reason.
+    pub rejected: Vec<(String, Rejection)>,
+}
+
+/// The pictures (PNG and JPEG) of a folder by name, or one file.
+///
+/// # Errors
+/// What the file system reports.
+pub fn pictures(path: &Path) -> std::io::Result<Vec<Picture>> {
+    let stem = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    if !path.is_dir() {
+        std::fs::metadata(path)?;
+        return Ok(vec![Picture { name: stem(path), path: path.to_owned() }]);
+    }
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(path)? {
+        let path = entry?.path();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if ["png", "jpg", "jpeg"].contains(&extension.as_str()) {
+            found.push(Picture { name: stem(&path), path });
+        }
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(found)
+}
+
+/// Reads a picture as grey values.
+///
+/// # Errors
+/// [`Rejection::Unreadable`].
+pub fn read(path: &Path) -> Result<Luma, Rejection> {
+    let unreadable = |e: String| Rejection::Unreadable(e);
+    let picture = image::ImageReader::open(path)
+        .map_err(|e| unreadable(e.to_string()))?
+        .with_guessed_format()
+        .map_err(|e| unreadable(e.to_string()))?
+        .decode()
+        .map_err(|e| unreadable(e.to_string()))?
+        .to_luma8();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Luma::new(width, height, picture.into_raw()).ok_or_else(|| unreadable("it is empty".to_owned()))
+}
+
+/// Searches all pictures of one camera on all cores, and keeps views by [`GatherOptions`], in order.
+/// `done` is called after each picture.
+pub fn gather(camera: &str, pictures: &[Picture], detector: &Detector, options: &GatherOptions, done: &(dyn Fn() + Sync)) -> Gathered {
+    let found: Vec<Result<(BoardView, (u32, u32)), Rejection>> = pictures
+        .par_iter()
+        .map(|p| {
+            let picture = read(&p.path);
+            let result = picture.and_then(|image| {
+                let size = (image.width() as u32, image.height() as u32);
+                match detector.find(&image, Depth::Final) {
+                    Some(view) => Ok((view, size)),
+                    None => Err(detector.diagnose(&image).into()),
+                }
+            });
+            done();
+            result
+        })
+        .collect();
+    let mut size = None;
+    let mut kept: Vec<(View, Vec<Vector2<f64>>)> = Vec::new();
+    let mut rejected = Vec::new();
+    for (picture, result) in pictures.iter().zip(found) {
+        let verdict = result.and_then(|(board, found)| {
+            let expected = *size.get_or_insert(found);
+            if found != expected {
+                return Err(Rejection::Size { found, expected });
+            }
+            let outlines: Vec<(&str, &[Vector2<f64>])> =
+                kept.iter().map(|(v, o)| (v.name.as_str(), o.as_slice())).collect();
+            judge(&board, detector, &outlines, options)?;
+            Ok(board)
+        });
+        match verdict {
+            Ok(board) => kept.push((detector.view(&picture.name, &board), Detector::outline(&board))),
+            Err(reason) => rejected.push((picture.name.clone(), reason)),
+        }
+    }
+    let views = kept.into_iter().map(|(v, _)| v).collect();
+    Gathered { views: CameraViews { name: camera.to_owned(), size: size.unwrap_or((0, 0)), views }, rejected }
+}
+
+/// Whether a view is worth keeping beside those whose outlines are `kept`.
+///
+/// # Errors
+/// [`Rejection`], the reason.
+pub fn judge(board: &BoardView, detector: &Detector, kept: &[(&str, &[Vector2<f64>])], options: &GatherOptions) -> Result<(), Rejection> {
+    let all = detector.points().len();
+    let needed = ((all as f64 * options.min_corners).ceil() as usize).max(6).min(all);
+    if board.corners.len() < needed {
+        return Err(Rejection::FewCorners { found: board.corners.len(), all, needed });
+    }
+    if !board.anchored && !options.allow_unanchored {
+        return Err(Rejection::Unanchored);
+    }
+    if kept.len() >= options.max_views {
+        return Err(Rejection::Enough(kept.len()));
+    }
+    let outline = Detector::outline(board);
+    let closest = kept
+        .iter()
+        .map(|(name, other)| (*name, intersection_over_union(&outline, other)))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    match closest {
+        Some((like, iou)) if iou > options.max_iou => Err(Rejection::Alike { like: like.to_owned(), iou }),
+        _ => Ok(()),
+    }
+}
+
+/// Twice the signed area of a polygon.
+fn doubled_area(polygon: &[Vector2<f64>]) -> f64 {
+    (0..polygon.len()).map(|i| polygon[i].perp(&polygon[(i + 1) % polygon.len()])).sum()
+}
+
+/// Intersection over union of two convex polygons that run the same way round (Sutherland and Hodgman's
+/// clipping), 0–1.
+pub fn intersection_over_union(a: &[Vector2<f64>], b: &[Vector2<f64>]) -> f64 {
+    let (area_a, area_b) = (doubled_area(a), doubled_area(b));
+    if a.len() < 3 || b.len() < 3 || area_a == 0.0 || area_b == 0.0 {
+        return 0.0;
+    }
+    let sign = area_b.signum();
+    let mut clipped = a.to_vec();
+    for i in 0..b.len() {
+        let (from, to) = (b[i], b[(i + 1) % b.len()]);
+        let inside = |p: &Vector2<f64>| sign * (to - from).perp(&(p - from));
+        let mut next = Vec::with_capacity(clipped.len() + 1);
+        for k in 0..clipped.len() {
+            let (p, q) = (clipped[k], clipped[(k + 1) % clipped.len()]);
+            let (dp, dq) = (inside(&p), inside(&q));
+            if dp >= 0.0 {
+                next.push(p);
+            }
+            if (dp >= 0.0) != (dq >= 0.0) {
+                next.push(p + (q - p) * (dp / (dp - dq)));
+            }
+        }
+        clipped = next;
+        if clipped.len() < 3 {
+            return 0.0;
+        }
+    }
+    let common = doubled_area(&clipped).abs();
+    common / (area_a.abs() + area_b.abs() - common)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(x: f64, y: f64, side: f64) -> Vec<Vector2<f64>> {
+        [(0.0, 0.0), (side, 0.0), (side, side), (0.0, side)].map(|(u, v)| Vector2::new(x + u, y + v)).to_vec()
+    }
+
+    #[test]
+    fn intersection_over_union_of_squares_is_what_areas_say() {
+        let one = square(0.0, 0.0, 2.0);
+        assert!((intersection_over_union(&one, &one) - 1.0).abs() < 1e-12);
+        assert!((intersection_over_union(&one, &square(1.0, 0.0, 2.0)) - 2.0 / 6.0).abs() < 1e-12);
+        assert!((intersection_over_union(&one, &square(0.5, 0.5, 1.0)) - 0.25).abs() < 1e-12);
+        assert_eq!(intersection_over_union(&one, &square(5.0, 0.0, 2.0)), 0.0);
+        let backwards: Vec<_> = square(1.0, 0.0, 2.0).into_iter().rev().collect();
+        assert!((intersection_over_union(&one, &backwards) - 2.0 / 6.0).abs() < 1e-12);
+    }
+}
