@@ -59,7 +59,9 @@ pub enum Rejection {
         needed: usize,
     },
     /// Nobody knows which corners these are.
-    #[error("the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show all of it")]
+    #[error(
+        "the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show all of it"
+    )]
     Unanchored,
     /// Much like one that was kept.
     #[error("the board stands as in {like} (intersection over union {iou:.2})")]
@@ -133,7 +135,13 @@ pub fn read(path: &Path) -> Result<Luma, Rejection> {
 
 /// Searches all pictures of one camera on all cores, and keeps views by [`GatherOptions`], in order.
 /// `done` is called after each picture.
-pub fn gather(camera: &str, pictures: &[Picture], detector: &Detector, options: &GatherOptions, done: &(dyn Fn() + Sync)) -> Gathered {
+pub fn gather(
+    camera: &str,
+    pictures: &[Picture],
+    detector: &Detector,
+    options: &GatherOptions,
+    done: &(dyn Fn() + Sync),
+) -> Gathered {
     let found: Vec<Result<(BoardView, (u32, u32)), Rejection>> = pictures
         .par_iter()
         .map(|p| {
@@ -176,7 +184,12 @@ pub fn gather(camera: &str, pictures: &[Picture], detector: &Detector, options: 
 ///
 /// # Errors
 /// [`Rejection`], the reason.
-pub fn judge(board: &BoardView, detector: &Detector, kept: &[(&str, &[Vector2<f64>])], options: &GatherOptions) -> Result<(), Rejection> {
+pub fn judge(
+    board: &BoardView,
+    detector: &Detector,
+    kept: &[(&str, &[Vector2<f64>])],
+    options: &GatherOptions,
+) -> Result<(), Rejection> {
     let all = detector.points().len();
     let needed = ((all as f64 * options.min_corners).ceil() as usize).max(6).min(all);
     if board.corners.len() < needed {

@@ -137,8 +137,10 @@ impl CalibrationBoard {
         }
         let length = |text: &str| -> Result<f64, BoardError> {
             let wrong = || failed(format!("{text:?} is no length; write 25mm, 2.5cm or 0.025m"));
-            let (number, unit) =
-                [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)].iter().find_map(|(u, s)| text.strip_suffix(u).map(|n| (n, s))).ok_or_else(wrong)?;
+            let (number, unit) = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)]
+                .iter()
+                .find_map(|(u, s)| text.strip_suffix(u).map(|n| (n, s)))
+                .ok_or_else(wrong)?;
             let value: f64 = number.parse().map_err(|_| wrong())?;
             if value > 0.0 && value < 100.0 { Ok(value * unit) } else { Err(wrong()) }
         };
@@ -146,11 +148,14 @@ impl CalibrationBoard {
             let parsed = text.split_once('x').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
             parsed
                 .filter(|&(a, b): &(usize, usize)| (least..=200).contains(&a) && (least..=200).contains(&b))
-                .ok_or_else(|| failed(format!("{text:?} is no size; write COLUMNSxROWS, {least} to 200 each")))
+                .ok_or_else(|| {
+                    failed(format!("{text:?} is no size; write COLUMNSxROWS, {least} to 200 each"))
+                })
         };
         let dictionary = |name: &str| -> Result<Arc<Dictionary>, BoardError> {
             if name.contains(['.', '/']) {
-                let text = read(name).map_err(|e| failed(format!("the dictionary {name} cannot be read: {e}")))?;
+                let text =
+                    read(name).map_err(|e| failed(format!("the dictionary {name} cannot be read: {e}")))?;
                 Ok(Arc::new(Dictionary::parse(&text, name)?))
             } else {
                 Ok(Arc::new(Dictionary::predefined(name)?))
@@ -172,7 +177,15 @@ impl CalibrationBoard {
                 if marker_m >= square_m {
                     return Err(failed("the marker must be smaller than the square".to_owned()));
                 }
-                Pattern::Charuco { columns, rows, square_m, marker_m, dictionary: dictionary(name)?, first_id, legacy }
+                Pattern::Charuco {
+                    columns,
+                    rows,
+                    square_m,
+                    marker_m,
+                    dictionary: dictionary(name)?,
+                    first_id,
+                    legacy,
+                }
             }
             [kind @ ("chessboard" | "aruco" | "charuco"), ..] => {
                 return Err(failed(format!("{} parts are too many or too few for {kind}", parts.len())));
@@ -185,7 +198,12 @@ impl CalibrationBoard {
             && last >= dictionary.len()
         {
             let end = dictionary.len().saturating_sub(1);
-            return Err(BoardError::Ids { first: first_id, last, dictionary: dictionary.name().to_owned(), end });
+            return Err(BoardError::Ids {
+                first: first_id,
+                last,
+                dictionary: dictionary.name().to_owned(),
+                end,
+            });
         }
         Ok(board)
     }
@@ -204,7 +222,8 @@ impl CalibrationBoard {
             Pattern::Chessboard { .. } => Vec::new(),
             Pattern::ArucoGrid { columns, rows, marker_m, gap_m, first_id, .. } => {
                 let pitch = marker_m + gap_m;
-                let place = |i: usize| Vector2::new((i % columns) as f64 * pitch, (i / columns) as f64 * pitch);
+                let place =
+                    |i: usize| Vector2::new((i % columns) as f64 * pitch, (i / columns) as f64 * pitch);
                 (0..columns * rows)
                     .map(|i| PlacedMarker { id: first_id + i, origin: place(i), side: *marker_m })
                     .collect()
@@ -252,10 +271,9 @@ impl CalibrationBoard {
     /// The printed rectangle without margin: least and largest x and y, m.
     pub fn extent(&self) -> (Vector2<f64>, Vector2<f64>) {
         match &self.pattern {
-            Pattern::Chessboard { columns, rows, square_m } => (
-                Vector2::repeat(-square_m),
-                Vector2::new(*columns as f64, *rows as f64) * *square_m,
-            ),
+            Pattern::Chessboard { columns, rows, square_m } => {
+                (Vector2::repeat(-square_m), Vector2::new(*columns as f64, *rows as f64) * *square_m)
+            }
             Pattern::Charuco { columns, rows, square_m, .. } => {
                 (Vector2::zeros(), Vector2::new(*columns as f64, *rows as f64) * *square_m)
             }
@@ -289,7 +307,9 @@ impl CalibrationBoard {
                 // Neighbouring black cells of a row become one rectangle, so that printers leave no seams.
                 let white = |column: usize| {
                     let inner = |i: usize| (1..=dictionary.size()).contains(&i);
-                    inner(row) && inner(column) && dictionary.is_white(marker.id, row - 1, column - 1) == Some(true)
+                    inner(row)
+                        && inner(column)
+                        && dictionary.is_white(marker.id, row - 1, column - 1) == Some(true)
                 };
                 let mut column = 0;
                 while column < cells {
@@ -312,7 +332,11 @@ impl CalibrationBoard {
     /// pattern and a margin of `margin_m` around it.
     pub fn is_white(&self, at: &Vector2<f64>, margin_m: f64) -> Option<bool> {
         let (low, high) = self.extent();
-        if at.x < low.x - margin_m || at.y < low.y - margin_m || at.x > high.x + margin_m || at.y > high.y + margin_m {
+        if at.x < low.x - margin_m
+            || at.y < low.y - margin_m
+            || at.x > high.x + margin_m
+            || at.y > high.y + margin_m
+        {
             return None;
         }
         Some(self.is_white_inside(at, &low, &high) != self.inverted)
@@ -344,8 +368,10 @@ impl CalibrationBoard {
                 if self.is_black_square(x, y) {
                     return false;
                 }
-                let before = (0..y * columns + x).filter(|i| !self.is_black_square(i % columns, i / columns)).count();
-                let origin = Vector2::new(x as f64, y as f64) * *square_m + Vector2::repeat((square_m - marker_m) / 2.0);
+                let before =
+                    (0..y * columns + x).filter(|i| !self.is_black_square(i % columns, i / columns)).count();
+                let origin = Vector2::new(x as f64, y as f64) * *square_m
+                    + Vector2::repeat((square_m - marker_m) / 2.0);
                 in_marker(origin, *marker_m, first_id + before).unwrap_or(true)
             }
             Pattern::ArucoGrid { columns, marker_m, gap_m, first_id, .. } => {
@@ -360,7 +386,9 @@ impl CalibrationBoard {
 
 fn lattice(columns: usize, rows: usize, pitch: f64, offset: f64) -> Vec<Vector3<f64>> {
     (0..columns * rows)
-        .map(|i| Vector3::new((i % columns) as f64 * pitch + offset, (i / columns) as f64 * pitch + offset, 0.0))
+        .map(|i| {
+            Vector3::new((i % columns) as f64 * pitch + offset, (i / columns) as f64 * pitch + offset, 0.0)
+        })
         .collect()
 }
 
@@ -384,7 +412,13 @@ impl fmt::Display for CalibrationBoard {
                 }
             }
             Pattern::Charuco { columns, rows, square_m, marker_m, dictionary, first_id, legacy } => {
-                write!(f, "charuco:{columns}x{rows}:{}:{}:{}", dictionary.name(), mm(*square_m), mm(*marker_m))?;
+                write!(
+                    f,
+                    "charuco:{columns}x{rows}:{}:{}:{}",
+                    dictionary.name(),
+                    mm(*square_m),
+                    mm(*marker_m)
+                )?;
                 if *first_id > 0 {
                     write!(f, ":first={first_id}")?;
                 }
@@ -444,7 +478,8 @@ mod tests {
             for i in 0..4000 {
                 let u = Vector2::new(f64::from(i % 63) / 62.7, f64::from(i / 63) / 63.9);
                 let at = low + (high - low).component_mul(&u);
-                let black = rectangles.iter().any(|(a, b)| at.x >= a.x && at.y >= a.y && at.x < b.x && at.y < b.y);
+                let black =
+                    rectangles.iter().any(|(a, b)| at.x >= a.x && at.y >= a.y && at.x < b.x && at.y < b.y);
                 assert_eq!(board.is_white(&at, 0.0), Some(black == board.inverted), "{spec} at {at}");
             }
         }

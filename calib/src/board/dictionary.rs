@@ -40,7 +40,9 @@ pub enum DictionaryError {
         name: String,
     },
     /// The file does not fit.
-    #[error("the dictionary file {file}: {what}; it must hold nmarkers, markersize and marker_0 … as strings of 0 and 1, as OpenCV writes them")]
+    #[error(
+        "the dictionary file {file}: {what}; it must hold nmarkers, markersize and marker_0 … as strings of 0 and 1, as OpenCV writes them"
+    )]
     File {
         /// The file.
         file: String,
@@ -84,7 +86,8 @@ impl Dictionary {
         let (size, count, correction) = (number()?, number()?, number()?);
         let digits = (size * size).div_ceil(4);
         let text: String = lines.take_while(|l| !l.starts_with("DICT_")).collect();
-        let word = |i: usize| text.get(i * digits..(i + 1) * digits).and_then(|w| u64::from_str_radix(w, 16).ok());
+        let word =
+            |i: usize| text.get(i * digits..(i + 1) * digits).and_then(|w| u64::from_str_radix(w, 16).ok());
         let markers = (0..count).map(word).collect::<Option<_>>().ok_or_else(unknown)?;
         Ok(Self { name: name.to_owned(), size, correction: u32::try_from(correction).unwrap_or(0), markers })
     }
@@ -106,7 +109,9 @@ impl Dictionary {
         };
         let (count, size) = (number("nmarkers")?, number("markersize")?);
         if !(3..=8).contains(&size) || count == 0 || count > 100_000 {
-            return Err(failed(format!("{count} markers of {size} × {size} bits; 3 to 8 bits are supported")));
+            return Err(failed(format!(
+                "{count} markers of {size} × {size} bits; 3 to 8 bits are supported"
+            )));
         }
         let markers = (0..count)
             .map(|i| {
@@ -158,7 +163,12 @@ impl Dictionary {
 
     /// The marker nearest to `bits` (row by row, first bit highest, 1 = white) among `ids`, in any of
     /// four turns, when it differs by no more than `max_errors` bits and no other is as near.
-    pub fn identify(&self, bits: u64, ids: impl Iterator<Item = usize> + Clone, max_errors: u32) -> Option<Reading> {
+    pub fn identify(
+        &self,
+        bits: u64,
+        ids: impl Iterator<Item = usize> + Clone,
+        max_errors: u32,
+    ) -> Option<Reading> {
         let mut turned = bits;
         let mut best: Option<Reading> = None;
         let mut tie = false;
@@ -242,10 +252,15 @@ mod tests {
 
     #[test]
     fn a_dictionary_file_says_what_is_wrong_with_it() {
-        let good = "%YAML:1.0\nnmarkers: 2\nmarkersize: 3\nmarker_0: \"101000111\"\nmarker_1: \"000010011\"\n";
+        let good =
+            "%YAML:1.0\nnmarkers: 2\nmarkersize: 3\nmarker_0: \"101000111\"\nmarker_1: \"000010011\"\n";
         let dictionary = Dictionary::parse(good, "own.yml").expect("valid");
         assert_eq!((dictionary.len(), dictionary.is_white(0, 0, 1)), (2, Some(false)));
-        for (from, to, says) in [("marker_1", "marker_7", "marker_1"), ("000010011", "0000100112", "digits"), ("nmarkers: 2", "nmarkers: x", "number")] {
+        for (from, to, says) in [
+            ("marker_1", "marker_7", "marker_1"),
+            ("000010011", "0000100112", "digits"),
+            ("nmarkers: 2", "nmarkers: x", "number"),
+        ] {
             let error = Dictionary::parse(&good.replace(from, to), "own.yml").expect_err(says).to_string();
             assert!(error.contains(says) && error.contains("own.yml"), "{error}");
         }

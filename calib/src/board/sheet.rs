@@ -81,7 +81,13 @@ impl Sheet {
         const LINE_MM: f64 = 0.15;
         let length = ((self.width_mm - 2.0 * MARGIN_MM) / 10.0).floor().max(1.0) as u32 * 10;
         for tick in 0..=length {
-            let height = if tick % 10 == 0 { 5.0 } else if tick % 5 == 0 { 3.5 } else { 2.0 };
+            let height = if tick % 10 == 0 {
+                5.0
+            } else if tick % 5 == 0 {
+                3.5
+            } else {
+                2.0
+            };
             let x = MARGIN_MM + f64::from(tick) - LINE_MM / 2.0;
             self.rectangles.push(Rectangle { x, y: top, width: LINE_MM, height, white: false });
         }

@@ -76,9 +76,10 @@ pub(super) fn candidates(image: &Luma, most: usize) -> Vec<Candidate> {
         .iter()
         .filter_map(|&(_, x, y)| {
             let saddle = fit.refine(&smooth, Vector2::new(x as f64, y as f64), 2.5)?;
-            [4.0, 2.8, 6.0].iter().find_map(|radius| sectors(&smooth, saddle.at, *radius, 2.0 * 0.27 * noise)).map(
-                |(edges, rising)| Candidate { at: saddle.at, strength: saddle.strength, edges, rising },
-            )
+            [4.0, 2.8, 6.0]
+                .iter()
+                .find_map(|radius| sectors(&smooth, saddle.at, *radius, 2.0 * 0.27 * noise))
+                .map(|(edges, rising)| Candidate { at: saddle.at, strength: saddle.strength, edges, rising })
         })
         .collect();
     found.truncate(most);

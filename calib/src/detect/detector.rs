@@ -115,10 +115,16 @@ impl Detector {
                 let Ok(dictionary) = Dictionary::predefined(name) else { continue };
                 let markers = any_markers(&picture, &quads, &dictionary);
                 // Small dictionaries come first: the smallest that explains as many is the likeliest.
-                if markers.len() >= 2 && best.as_ref().is_none_or(|b| markers.len() > b.0 || markers.len() == b.0) {
+                if markers.len() >= 2
+                    && best.as_ref().is_none_or(|b| markers.len() > b.0 || markers.len() == b.0)
+                {
                     let ids: Vec<String> = markers.iter().take(6).map(|m| m.id.to_string()).collect();
                     let more = if markers.len() > 6 { " …" } else { "" };
-                    let text = format!("{} markers of {name} (numbers {}{more}{note})", markers.len(), ids.join(" "));
+                    let text = format!(
+                        "{} markers of {name} (numbers {}{more}{note})",
+                        markers.len(),
+                        ids.join(" ")
+                    );
                     best = Some((markers.len(), text));
                 }
             }
@@ -127,7 +133,11 @@ impl Detector {
                 seen.push(format!("a chessboard of {columns} × {rows} inner corners"));
             }
         }
-        if seen.is_empty() { Absence::Nothing { wanted } } else { Absence::Other { wanted, seen: seen.join("; ") } }
+        if seen.is_empty() {
+            Absence::Nothing { wanted }
+        } else {
+            Absence::Other { wanted, seen: seen.join("; ") }
+        }
     }
 
     /// The corners as a view of calibration.
@@ -155,7 +165,9 @@ pub(crate) fn convex_hull(mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
     let chain = |points: &mut dyn Iterator<Item = Vector2<f64>>| {
         let mut hull: Vec<Vector2<f64>> = Vec::new();
         for p in points {
-            while hull.len() >= 2 && (hull[hull.len() - 1] - hull[hull.len() - 2]).perp(&(p - hull[hull.len() - 1])) <= 0.0 {
+            while hull.len() >= 2
+                && (hull[hull.len() - 1] - hull[hull.len() - 2]).perp(&(p - hull[hull.len() - 1])) <= 0.0
+            {
                 hull.pop();
             }
             hull.push(p);

@@ -68,7 +68,10 @@ fn place_of(placed: &[PlacedMarker], id: usize) -> Option<&PlacedMarker> {
 }
 
 /// Homography from the board to the picture by the corners of these markers.
-fn homography_of<'a>(markers: impl Iterator<Item = &'a Marker>, placed: &[PlacedMarker]) -> Option<Matrix3<f64>> {
+fn homography_of<'a>(
+    markers: impl Iterator<Item = &'a Marker>,
+    placed: &[PlacedMarker],
+) -> Option<Matrix3<f64>> {
     let (mut from, mut to) = (Vec::new(), Vec::new());
     for m in markers {
         from.extend(place_of(placed, m.id)?.corners());
@@ -84,7 +87,8 @@ fn consistent(found: Vec<Marker>, placed: &[PlacedMarker], dictionary: &Dictiona
     const STRICT: f64 = 0.25;
     if found.len() <= 1 {
         // A single marker must be beyond doubt: no wrong bit, and enough bits.
-        let sure = |m: &Marker| m.errors == 0 && (dictionary.size() > 4 || placed.len() <= 50) && side_px(m) > 12.0;
+        let sure =
+            |m: &Marker| m.errors == 0 && (dictionary.size() > 4 || placed.len() <= 50) && side_px(m) > 12.0;
         return found.into_iter().filter(sure).collect();
     }
     let misfit = |h: &Matrix3<f64>, m: &Marker| -> f64 {
@@ -95,7 +99,8 @@ fn consistent(found: Vec<Marker>, placed: &[PlacedMarker], dictionary: &Dictiona
     };
     let nearest = |i: usize, count: usize| -> Vec<usize> {
         let at = |k: usize| place_of(placed, found[k].id).map_or_else(Vector2::zeros, |p| p.origin);
-        let mut others: Vec<usize> = (0..found.len()).filter(|k| *k != i && found[*k].id != found[i].id).collect();
+        let mut others: Vec<usize> =
+            (0..found.len()).filter(|k| *k != i && found[*k].id != found[i].id).collect();
         others.sort_by(|a, b| (at(*a) - at(i)).norm_squared().total_cmp(&(at(*b) - at(i)).norm_squared()));
         others.truncate(count);
         others
@@ -122,7 +127,8 @@ fn consistent(found: Vec<Marker>, placed: &[PlacedMarker], dictionary: &Dictiona
             if best.contains(&i) || best.iter().any(|b| found[*b].id == found[i].id) {
                 continue;
             }
-            let around: Vec<usize> = nearest(i, found.len()).into_iter().filter(|k| best.contains(k)).take(4).collect();
+            let around: Vec<usize> =
+                nearest(i, found.len()).into_iter().filter(|k| best.contains(k)).take(4).collect();
             let fits = homography_of(around.iter().map(|k| &found[*k]), placed)
                 .is_some_and(|h| misfit(&h, &found[i]) < LOOSE);
             if fits {
@@ -147,8 +153,15 @@ fn consistent(found: Vec<Marker>, placed: &[PlacedMarker], dictionary: &Dictiona
 }
 
 /// Corners of an ArUco grid board: those of its markers, refined by their edges.
-pub(super) fn grid_corners(image: &Luma, markers: &[Marker], board: &CalibrationBoard, depth: Depth) -> Vec<Corner> {
-    let Pattern::ArucoGrid { gap_m, marker_m, dictionary, first_id, .. } = &board.pattern else { return Vec::new() };
+pub(super) fn grid_corners(
+    image: &Luma,
+    markers: &[Marker],
+    board: &CalibrationBoard,
+    depth: Depth,
+) -> Vec<Corner> {
+    let Pattern::ArucoGrid { gap_m, marker_m, dictionary, first_id, .. } = &board.pattern else {
+        return Vec::new();
+    };
     let cells = dictionary.size() + 2;
     let gap_cells = gap_m / (marker_m / cells as f64);
     let mut corners = Vec::new();
@@ -177,7 +190,9 @@ pub(super) fn charuco_corners(image: &Luma, markers: &[Marker], board: &Calibrat
         let at = point.xy();
         let mut near: Vec<(f64, &Marker)> = markers
             .iter()
-            .filter_map(|m| place_of(&placed, m.id).map(|p| ((p.origin + Vector2::repeat(p.side / 2.0) - at).norm(), m)))
+            .filter_map(|m| {
+                place_of(&placed, m.id).map(|p| ((p.origin + Vector2::repeat(p.side / 2.0) - at).norm(), m))
+            })
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         near.truncate(4);
@@ -188,12 +203,15 @@ pub(super) fn charuco_corners(image: &Luma, markers: &[Marker], board: &Calibrat
         }
         let Some(h) = homography_of(near.iter().map(|(_, m)| *m), &placed) else { continue };
         let image_of = |dx: f64, dy: f64| apply_homography(&h, &(at + Vector2::new(dx, dy) * *square_m));
-        let (Some(guess), Some(right), Some(down)) = (image_of(0.0, 0.0), image_of(1.0, 0.0), image_of(0.0, 1.0)) else {
+        let (Some(guess), Some(right), Some(down)) =
+            (image_of(0.0, 0.0), image_of(1.0, 0.0), image_of(0.0, 1.0))
+        else {
             continue;
         };
         let spacing = (right - guess).norm().min((down - guess).norm());
         // The marker's edge beside the corner must stay out of the fit.
-        let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(image, guess, (0.3 * spacing).max(1.5)) else {
+        let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(image, guess, (0.3 * spacing).max(1.5))
+        else {
             continue;
         };
         let (column, row) = (id % (columns - 1) + 1, id / (columns - 1) + 1);

@@ -215,7 +215,8 @@ fn link(image: &Luma, nodes: &[Candidate]) -> Vec<[Option<(usize, usize)>; 4]> {
         })
         .collect();
     // …and is not much longer than the one straight on: that would lead to something else's corner.
-    let length = |a: usize, link: Option<(usize, usize)>| link.map(|(b, _)| (nodes[b].at - nodes[a].at).norm());
+    let length =
+        |a: usize, link: Option<(usize, usize)>| link.map(|(b, _)| (nodes[b].at - nodes[a].at).norm());
     let longer = |a: usize, slot: usize| -> bool {
         let straight_on = length(a, mutual[a][(slot + 2) % 4]);
         length(a, mutual[a][slot]).zip(straight_on).is_some_and(|(one, other)| one > STRETCH * other)
@@ -237,7 +238,9 @@ fn around(lattice: &Lattice, cell: Cell) -> Vec<(Cell, Saddle)> {
     for y in cell.1 - 3..=cell.1 + 3 {
         for x in cell.0 - 3..=cell.0 + 3 {
             let d = (x - cell.0).pow(2) + (y - cell.1).pow(2);
-            if d > 0 && let Some(s) = lattice.get(&(x, y)) {
+            if d > 0
+                && let Some(s) = lattice.get(&(x, y))
+            {
                 near.push((d, (x, y), *s));
             }
         }
@@ -270,7 +273,8 @@ fn forecast(lattice: &Lattice, cell: Cell) -> Option<(Vector2<f64>, f64)> {
     }
     let q = normal.cholesky()?.solve(&rhs);
     let image = |x: f64, y: f64| {
-        Vector2::new(q[0] * x + q[1] * y + q[2], q[3] * x + q[4] * y + q[5]) / (q[6] * x + q[7] * y + 1.0) * 64.0
+        Vector2::new(q[0] * x + q[1] * y + q[2], q[3] * x + q[4] * y + q[5]) / (q[6] * x + q[7] * y + 1.0)
+            * 64.0
             + shift
     };
     let at = image(0.0, 0.0);
@@ -341,7 +345,8 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
         open.dedup();
         // No further than any board reaches: beyond lies texture.
         let fits = |pick: fn(&Cell) -> i32, cell: &Cell| -> bool {
-            let (low, high) = lattice.keys().map(pick).fold((i32::MAX, i32::MIN), |(l, h), v| (l.min(v), h.max(v)));
+            let (low, high) =
+                lattice.keys().map(pick).fold((i32::MAX, i32::MIN), |(l, h), v| (l.min(v), h.max(v)));
             let grown = high.max(pick(cell)) - low.min(pick(cell)) + 1;
             grown == high - low + 1 || grown as usize <= longest
         };
@@ -349,8 +354,11 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
         for cell in open {
             let Some((at, spacing)) = forecast(&lattice, cell) else { continue };
             let near = around(&lattice, cell);
-            let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(image, at, 0.3 * spacing) else { continue };
-            let strength = near.iter().take(4).map(|(_, s)| s.strength).sum::<f64>() / near.len().min(4) as f64;
+            let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(image, at, 0.3 * spacing) else {
+                continue;
+            };
+            let strength =
+                near.iter().take(4).map(|(_, s)| s.strength).sum::<f64>() / near.len().min(4) as f64;
             // Neighbours have their bright squares across; the nearest is one step away.
             let (beside, reference) = near[0];
             let odd = (beside.0 - cell.0 + beside.1 - cell.1).rem_euclid(2) == 1;
@@ -377,7 +385,8 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
     // Score, heading, window's origin, quarter turns (the board's x is direction `turns` of the lattice).
     let mut best: Option<(f64, f64, Cell, usize, bool)> = None;
     for turns in 0..4 {
-        let (w, h) = if turns % 2 == 0 { (columns as i32, rows as i32) } else { (rows as i32, columns as i32) };
+        let (w, h) =
+            if turns % 2 == 0 { (columns as i32, rows as i32) } else { (rows as i32, columns as i32) };
         let (xs, x_sure) = offsets(image, &lattice, (x0, x1), w, true);
         let (ys, y_sure) = offsets(image, &lattice, (y0, y1), h, false);
         for &ox in &xs {
@@ -394,8 +403,7 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
                 let score: f64 = inside.iter().map(|(_, s)| (s.strength / usual).min(1.0)).sum();
                 // Among turns that fit alike, the one whose x points most to the picture's right.
                 let right = heading(&lattice, turns);
-                let better =
-                    best.is_none_or(|b| score > b.0 + 1e-9 || score > b.0 - 1e-9 && right > b.1);
+                let better = best.is_none_or(|b| score > b.0 + 1e-9 || score > b.0 - 1e-9 && right > b.1);
                 if better {
                     best = Some((score, right, (ox, oy), turns, x_sure && y_sure));
                 }
@@ -423,7 +431,10 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
         drop_misfits(&mut corners, &points, 1.0);
         let before = corners.len();
         board = corners.iter().map(|c| (cells[&c.id], board[&cells[&c.id]])).collect();
-        board = complete(image, board, columns.max(rows)).into_iter().filter(|(c, _)| id_of(c).is_some()).collect();
+        board = complete(image, board, columns.max(rows))
+            .into_iter()
+            .filter(|(c, _)| id_of(c).is_some())
+            .collect();
         if board.len() == before {
             break;
         }
@@ -445,13 +456,20 @@ fn on_board((x, y): Cell, (w, h): (i32, i32), turns: usize) -> Cell {
 /// Where along one axis the board's window may begin, and whether that is sure. Seen as much or more: every
 /// window inside. Seen less: when the lattice's end on one side lies inside the picture and on the other at
 /// its frame, the missing columns were cut off there; else any.
-fn offsets(image: &Luma, lattice: &Lattice, (low, high): (i32, i32), size: i32, along_x: bool) -> (Vec<i32>, bool) {
+fn offsets(
+    image: &Luma,
+    lattice: &Lattice,
+    (low, high): (i32, i32),
+    size: i32,
+    along_x: bool,
+) -> (Vec<i32>, bool) {
     let seen = high - low + 1;
     if seen >= size {
         return ((low..=high - size + 1).collect(), true);
     }
     let cut = |line: i32| -> bool {
-        let cells: Vec<Cell> = lattice.keys().map(|c| if along_x { (line, c.1) } else { (c.0, line) }).collect();
+        let cells: Vec<Cell> =
+            lattice.keys().map(|c| if along_x { (line, c.1) } else { (c.0, line) }).collect();
         let (mut outside, mut known) = (0, 0);
         for cell in cells {
             let Some((at, spacing)) = forecast(lattice, cell) else { continue };
@@ -474,10 +492,18 @@ fn offsets(image: &Luma, lattice: &Lattice, (low, high): (i32, i32), size: i32, 
 
 /// Whether the square at the board's first corner is black, by the vote of all corners: the squares along
 /// the board's diagonal are black at corners whose column and row add up to an even number.
-fn colours_fit(lattice: &Lattice, inside: &[(Cell, &Saddle)], origin: Cell, size: (i32, i32), turns: usize) -> bool {
+fn colours_fit(
+    lattice: &Lattice,
+    inside: &[(Cell, &Saddle)],
+    origin: Cell,
+    size: (i32, i32),
+    turns: usize,
+) -> bool {
     let mut votes = 0i32;
     for (cell, saddle) in inside {
-        let at = |step: Cell, sign: i32| lattice.get(&(cell.0 + sign * step.0, cell.1 + sign * step.1)).map(|s| s.at);
+        let at = |step: Cell, sign: i32| {
+            lattice.get(&(cell.0 + sign * step.0, cell.1 + sign * step.1)).map(|s| s.at)
+        };
         let axis = |step: Cell| -> Option<Vector2<f64>> {
             at(step, 1).map(|p| p - saddle.at).or_else(|| at(step, -1).map(|p| saddle.at - p))
         };
@@ -500,6 +526,7 @@ fn same_axis_nearer(angle: f64, a: Vector2<f64>, b: Vector2<f64>) -> bool {
 /// How much direction `turns` of the lattice points to the picture's right, −1 … 1.
 fn heading(lattice: &Lattice, turns: usize) -> f64 {
     let step = STEPS[turns];
-    let ways = lattice.iter().filter_map(|(c, s)| lattice.get(&(c.0 + step.0, c.1 + step.1)).map(|n| n.at - s.at));
+    let ways =
+        lattice.iter().filter_map(|(c, s)| lattice.get(&(c.0 + step.0, c.1 + step.1)).map(|n| n.at - s.at));
     ways.sum::<Vector2<f64>>().try_normalize(0.0).map_or(0.0, |d| d.x)
 }

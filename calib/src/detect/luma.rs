@@ -64,7 +64,17 @@ impl Luma {
     pub fn binomial(&self) -> Self {
         let (w, h) = (self.width, self.height);
         let mirror = |i: isize, n: usize| -> usize {
-            if n == 1 { 0 } else { (if i < 0 { -i } else if i >= n as isize { 2 * (n as isize - 1) - i } else { i }) as usize }
+            if n == 1 {
+                0
+            } else {
+                (if i < 0 {
+                    -i
+                } else if i >= n as isize {
+                    2 * (n as isize - 1) - i
+                } else {
+                    i
+                }) as usize
+            }
         };
         let mut data = vec![0; w * h];
         let mut sums = vec![0u16; w];
@@ -111,7 +121,8 @@ impl Luma {
         let (ix, iy) = (x as usize, y as usize);
         let (fx, fy) = (x - ix as f64, y - iy as f64);
         let at = iy * self.width + ix;
-        let [a, b, c, d] = [at, at + 1, at + self.width, at + self.width + 1].map(|i| f64::from(self.data[i]));
+        let [a, b, c, d] =
+            [at, at + 1, at + self.width, at + self.width + 1].map(|i| f64::from(self.data[i]));
         Some((a + (b - a) * fx) * (1.0 - fy) + (c + (d - c) * fx) * fy)
     }
 
@@ -125,14 +136,23 @@ impl Luma {
             let rows = [self.row(y - 1), self.row(y), self.row(y + 1)];
             for x in 1..self.width - 1 {
                 let v = |r: usize, c: usize| i32::from(rows[r][c]);
-                let l = v(0, x - 1) - 2 * v(0, x) + v(0, x + 1) - 2 * (v(1, x - 1) - 2 * v(1, x) + v(1, x + 1))
-                    + v(2, x - 1) - 2 * v(2, x) + v(2, x + 1);
+                let l = v(0, x - 1) - 2 * v(0, x) + v(0, x + 1)
+                    - 2 * (v(1, x - 1) - 2 * v(1, x) + v(1, x + 1))
+                    + v(2, x - 1)
+                    - 2 * v(2, x)
+                    + v(2, x + 1);
                 histogram[l.unsigned_abs().min(1023) as usize] += 1;
                 count += 1;
             }
         }
         let mut below = 0;
-        let median = histogram.iter().position(|n| { below += n; below * 2 >= count }).unwrap_or(0);
+        let median = histogram
+            .iter()
+            .position(|n| {
+                below += n;
+                below * 2 >= count
+            })
+            .unwrap_or(0);
         // The mask has norm 6; the median of |N(0, σ)| is 0.6745 σ.
         median as f64 / (6.0 * 0.6745)
     }

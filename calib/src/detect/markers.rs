@@ -102,7 +102,13 @@ fn plane(samples: &[(f64, f64, f64)]) -> Option<[f64; 3]> {
 }
 
 /// The markers among `quads`: numbers of `ids` only, with up to `max_errors` bits wrong.
-pub(super) fn decode(image: &Luma, quads: &[Quad], dictionary: &Dictionary, ids: &[usize], max_errors: u32) -> Vec<Marker> {
+pub(super) fn decode(
+    image: &Luma,
+    quads: &[Quad],
+    dictionary: &Dictionary,
+    ids: &[usize],
+    max_errors: u32,
+) -> Vec<Marker> {
     let mut found: Vec<Marker> = Vec::new();
     for quad in quads {
         let Some(bits) = read(image, quad, dictionary.size()) else { continue };

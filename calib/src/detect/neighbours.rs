@@ -38,11 +38,16 @@ fn drop_once(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64)
     let from: Vec<Vector2<f64>> = corners.iter().map(|c| points[c.id].xy()).collect();
     let to: Vec<Vector2<f64>> = corners.iter().map(|c| c.at).collect();
     let Some(h) = homography(&from, &to) else { return };
-    let Some(forecast) = from.iter().map(|p| apply_homography(&h, p)).collect::<Option<Vec<_>>>() else { return };
+    let Some(forecast) = from.iter().map(|p| apply_homography(&h, p)).collect::<Option<Vec<_>>>() else {
+        return;
+    };
     let off: Vec<Vector2<f64>> = to.iter().zip(&forecast).map(|(a, b)| a - b).collect();
     if corners.len() < FEW {
         let beside = from.iter().map(|p| apply_homography(&h, &(p + Vector2::new(spacing_m, 0.0))));
-        let spacing = beside.zip(&forecast).filter_map(|(b, f)| b.map(|b| (b - f).norm())).fold(f64::INFINITY, f64::min);
+        let spacing = beside
+            .zip(&forecast)
+            .filter_map(|(b, f)| b.map(|b| (b - f).norm()))
+            .fold(f64::INFINITY, f64::min);
         let limit = (SMALL_SHARE * spacing).max(FLOOR_PX);
         let mut index = 0..;
         corners.retain(|_| index.next().is_none_or(|i: usize| off[i].norm() <= limit));

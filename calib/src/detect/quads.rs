@@ -88,7 +88,8 @@ fn contours(mask: &[u8], width: usize, height: usize) -> Vec<Vec<Vector2<f64>>> 
             // The neighbour from which the search goes on clockwise: background, to the west.
             let (mut at, mut back) = (start, 4usize);
             loop {
-                let next = (1..=8).map(|k| (back + k) % 8).find(|d| mask[at.wrapping_add_signed(delta[*d])] == 1);
+                let next =
+                    (1..=8).map(|k| (back + k) % 8).find(|d| mask[at.wrapping_add_signed(delta[*d])] == 1);
                 visited[at] = true;
                 let Some(d) = next else { break };
                 path.push(at);
@@ -128,7 +129,9 @@ fn fit(contour: &[Vector2<f64>]) -> Option<Quad> {
     }
     let centre = contour.iter().sum::<Vector2<f64>>() / n as f64;
     let farthest = |from: &Vector2<f64>| {
-        (0..n).max_by(|&a, &b| (contour[a] - from).norm_squared().total_cmp(&(contour[b] - from).norm_squared()))
+        (0..n).max_by(|&a, &b| {
+            (contour[a] - from).norm_squared().total_cmp(&(contour[b] - from).norm_squared())
+        })
     };
     let first = farthest(&centre)?;
     let second = farthest(&contour[first])?;
@@ -182,7 +185,9 @@ fn split(contour: &[Vector2<f64>], from: usize, to: usize, tolerance: f64, corne
         let p = contour[(from + k) % n] - contour[from];
         (chord.x * p.y - chord.y * p.x).abs() / chord.norm().max(1e-9)
     };
-    let Some((worst, distance)) = (1..length).map(|k| (k, off(k))).max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+    let Some((worst, distance)) = (1..length).map(|k| (k, off(k))).max_by(|a, b| a.1.total_cmp(&b.1)) else {
+        return;
+    };
     if distance > tolerance && corners.len() < 8 {
         let middle = (from + worst) % n;
         corners.push(middle);
@@ -201,7 +206,9 @@ pub(super) fn is_convex(quad: &Quad) -> bool {
 }
 
 /// The line of least squared distance: a point on it and its unit direction.
-pub(super) fn fit_line(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Option<(Vector2<f64>, Vector2<f64>)> {
+pub(super) fn fit_line(
+    points: impl Iterator<Item = Vector2<f64>> + Clone,
+) -> Option<(Vector2<f64>, Vector2<f64>)> {
     let count = points.clone().count();
     if count < 2 {
         return None;
@@ -217,7 +224,10 @@ pub(super) fn fit_line(points: impl Iterator<Item = Vector2<f64>> + Clone) -> Op
 }
 
 /// Where two lines meet.
-pub(super) fn meet(a: &(Vector2<f64>, Vector2<f64>), b: &(Vector2<f64>, Vector2<f64>)) -> Option<Vector2<f64>> {
+pub(super) fn meet(
+    a: &(Vector2<f64>, Vector2<f64>),
+    b: &(Vector2<f64>, Vector2<f64>),
+) -> Option<Vector2<f64>> {
     let cross = a.1.perp(&b.1);
     (cross.abs() > 1e-3).then(|| a.0 + a.1 * ((b.0 - a.0).perp(&b.1) / cross))
 }

@@ -61,7 +61,9 @@ fn to_png(sheet: &Sheet, dpi: u32) -> Result<Vec<u8>, Box<dyn Error>> {
     let scale = f64::from(dpi) / 25.4;
     let (width, height) = ((sheet.width_mm * scale).round(), (sheet.height_mm * scale).round());
     if width.max(height) > LARGEST {
-        return Err(format!("a PNG of {width} × {height} px is too large; lower --dpi, or write SVG or PDF").into());
+        return Err(
+            format!("a PNG of {width} × {height} px is too large; lower --dpi, or write SVG or PDF").into()
+        );
     }
     let size = (width as u32, height as u32);
     let mut pixels = vec![255u8; size.0 as usize * size.1 as usize * 3];
@@ -78,7 +80,8 @@ fn to_png(sheet: &Sheet, dpi: u32) -> Result<Vec<u8>, Box<dyn Error>> {
         }
         for t in &sheet.texts {
             let font = (plot::FONT, t.size * scale).into_font().color(&BLACK);
-            area.draw(&Text::new(t.text.clone(), (px(t.x), px(t.y - t.size)), font)).map_err(|e| e.to_string())?;
+            area.draw(&Text::new(t.text.clone(), (px(t.x), px(t.y - t.size)), font))
+                .map_err(|e| e.to_string())?;
         }
         area.present().map_err(|e| e.to_string())?;
     }
@@ -88,7 +91,11 @@ fn to_png(sheet: &Sheet, dpi: u32) -> Result<Vec<u8>, Box<dyn Error>> {
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Eight);
     let per_metre = (scale * 1000.0).round() as u32;
-    encoder.set_pixel_dims(Some(png::PixelDimensions { xppu: per_metre, yppu: per_metre, unit: png::Unit::Meter }));
+    encoder.set_pixel_dims(Some(png::PixelDimensions {
+        xppu: per_metre,
+        yppu: per_metre,
+        unit: png::Unit::Meter,
+    }));
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&grey)?;
     writer.finish()?;

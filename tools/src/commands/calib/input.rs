@@ -77,12 +77,15 @@ impl InputArgs {
                 println!("  {name}: {reason}");
             }
             if gathered.views.views.is_empty() {
-                return Err(format!("camera {camera}: none of its {} pictures is of use", pictures.len()).into());
+                return Err(
+                    format!("camera {camera}: none of its {} pictures is of use", pictures.len()).into()
+                );
             }
             cameras.push(gathered.views);
         }
         if let Some(path) = &self.save_corners {
-            fs::write(path, write_corners(&cameras)).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+            fs::write(path, write_corners(&cameras))
+                .map_err(|e| format!("cannot write {}: {e}", path.display()))?;
         }
         Ok(Input { cameras, board: spec.to_owned() })
     }

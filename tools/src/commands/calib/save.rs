@@ -14,7 +14,8 @@ use netcord_common::{
 
 /// Today, ISO 8601, UTC (days to civil date after Howard Hinnant).
 fn today() -> String {
-    let days = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs() / 86_400) as i64 + 719_468;
+    let days =
+        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs() / 86_400) as i64 + 719_468;
     let era = days.div_euclid(146_097);
     let day_of_era = days.rem_euclid(146_097);
     let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
@@ -37,12 +38,20 @@ fn known(edit: &RigEdit, rig: &Path, name: &str) -> Result<CameraName, Box<dyn E
 }
 
 /// Writes intrinsics into the rig file.
-pub fn intrinsics<'a>(rig: &Path, board: &str, cameras: impl Iterator<Item = &'a MonoCalibration>) -> Result<(), Box<dyn Error>> {
+pub fn intrinsics<'a>(
+    rig: &Path,
+    board: &str,
+    cameras: impl Iterator<Item = &'a MonoCalibration>,
+) -> Result<(), Box<dyn Error>> {
     let mut edit = RigEdit::open(rig)?;
     for c in cameras {
         let name = known(&edit, rig, &c.name)?;
-        let note =
-            CalibrationNote { date: today(), board: board.to_owned(), frames: c.views.len() as u64, rms_px: c.rms_px };
+        let note = CalibrationNote {
+            date: today(),
+            board: board.to_owned(),
+            frames: c.views.len() as u64,
+            rms_px: c.rms_px,
+        };
         edit.set_intrinsics(&name, &c.model, Some(&c.standard_deviations()), Some(&note));
     }
     edit.save()?;
@@ -55,7 +64,11 @@ pub fn rig(path: &Path, board: &str, rig: &RigCalibration) -> Result<(), Box<dyn
     let mut edit = RigEdit::open(path)?;
     let first = edit.camera_names().first().cloned().unwrap_or_default();
     if rig.cameras.first().is_some_and(|c| c.name != first) {
-        return Err(format!("poses in {} refer to its first camera, {first}; give that one first", path.display()).into());
+        return Err(format!(
+            "poses in {} refer to its first camera, {first}; give that one first",
+            path.display()
+        )
+        .into());
     }
     for (i, c) in rig.cameras.iter().enumerate() {
         let name = known(&edit, path, &c.name)?;
@@ -68,7 +81,13 @@ pub fn rig(path: &Path, board: &str, rig: &RigCalibration) -> Result<(), Box<dyn
         }
         let pose_sd = std::array::from_fn(|k| sd(9 + k));
         let pose = &c.camera_from_first;
-        edit.set_pose(&name, pose.rotation.matrix(), &pose.translation, (i > 0).then_some(&pose_sd), Some(&note));
+        edit.set_pose(
+            &name,
+            pose.rotation.matrix(),
+            &pose.translation,
+            (i > 0).then_some(&pose_sd),
+            Some(&note),
+        );
     }
     edit.save()?;
     println!("written to {}; the old one is kept beside it as .bak", path.display());

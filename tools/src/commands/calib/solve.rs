@@ -73,15 +73,14 @@ pub fn mono(args: &MonoArgs) -> CommandResult {
 
 /// Runs `netcord calib stereo`.
 pub fn stereo(args: &RigArgs) -> CommandResult {
-    let cameras = corners::load(&args.corners)?;
-    if cameras.len() != 2 {
-        let found = cameras.len();
-        return Err(format!(
-            "calib stereo needs corners of two cameras; the file has {found} (calib rig takes any number)"
-        )
-        .into());
+    let input = args.input.load(true)?;
+    if input.cameras.len() != 2 {
+        let found = input.cameras.len();
+        return Err(
+            format!("calib stereo needs two cameras, not {found} (calib rig takes any number)").into()
+        );
     }
-    solve_rig("stereo", &cameras, args)
+    solve_rig("stereo", &input, args)
 }
 
 /// Runs `netcord calib rig`.
