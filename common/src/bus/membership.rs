@@ -25,6 +25,7 @@ const VERSION_KEY: &str = "netcord-wire-version";
 pub struct Bus {
     pub(super) node: Arc<Node<Service>>,
     domain: DomainName,
+    wire_version: u32,
 }
 
 /// The files of a domain that no process lives in any more.
@@ -71,7 +72,17 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| join(format!("{e:?}")))?;
-        Ok(Self { node: Arc::new(node), domain: domain.clone() })
+        Ok(Self { node: Arc::new(node), domain: domain.clone(), wire_version: WIRE_VERSION })
+    }
+
+    /// As [`Self::join`], claiming to speak another wire version: for tests that play an older peer.
+    #[doc(hidden)]
+    pub fn join_with_wire_version(
+        domain: &DomainName,
+        process: &str,
+        wire_version: u32,
+    ) -> Result<Self, BusError> {
+        Ok(Self { wire_version, ..Self::join(domain, process)? })
     }
 
     /// The domain.
@@ -103,7 +114,7 @@ impl Bus {
     }
 
     pub(super) fn version_wanted(&self) -> AttributeVerifier {
-        let version = WIRE_VERSION.to_string();
+        let version = self.wire_version.to_string();
         AttributeVerifier::new()
             .require(
                 &VERSION_KEY.try_into().expect("a short key"),

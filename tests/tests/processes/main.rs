@@ -1,0 +1,10 @@
+//! Tests that start real processes. They assert outcomes, not speed; `netcord bench` measures.
+
+mod allocations;
+mod copies;
+mod demo;
+mod faults;
+mod kill;
+mod refusals;
+mod scripts;
+mod up;

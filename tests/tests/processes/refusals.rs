@@ -1,0 +1,117 @@
+//! What is wrong gets an error that says what and where, and nothing else falls over.
+
+use std::{path::Path, process::Command};
+
+use netcord_common::{
+    Clock as _, MonotonicClock,
+    bus::{Bus, FramePublisher, Topic},
+    wire::WIRE_VERSION,
+};
+use netcord_tests::{Lab, Running, Watch, executable, one_at_a_time};
+use toml_edit::{DocumentMut, value};
+
+#[test]
+fn a_second_capture_is_refused_and_the_first_works_on() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]);
+    let rig = rig.display().to_string();
+    let up = lab.start(&["up", &rig, "--quiet"]);
+    let bus = lab.bus();
+    let mut watch = Watch::attach(&bus);
+    let stages = watch.stages();
+    let second = lab.start(&["capture", "--rig", &rig, "--source", "synthetic"]).wait();
+    assert_eq!(second.code, Some(2), "{}", second.err);
+    assert!(second.err.contains("another `netcord capture` runs in this domain"), "{}", second.err);
+    watch.position_after(MonotonicClock.now().as_ns());
+    assert_eq!(watch.stages(), stages, "nobody was restarted");
+    drop((watch, bus));
+    assert_eq!(up.stop().code, Some(0));
+}
+
+#[test]
+fn a_peer_of_another_wire_version_is_told_so_on_both_sides() {
+    let lab = Lab::new();
+    let path = lab.synthetic_rig(50.0, &[]);
+    let rig = Lab::load(&path);
+    let old = Bus::join_with_wire_version(lab.domain(), "capture", WIRE_VERSION + 1).expect("joined");
+    let frames = Topic::frames(&rig.cameras[0].name);
+    let publisher = FramePublisher::open(&old, &frames, 1000).expect("opened");
+    for stage in ["segment", "capture"] {
+        let ended = lab.start(&[stage, "--rig", &path.display().to_string()]).wait();
+        assert_eq!(ended.code, Some(2), "{}", ended.err);
+        assert!(ended.err.contains("another wire version"), "{}", ended.err);
+        assert!(ended.err.contains("camera/left/frame"), "{}", ended.err);
+    }
+    publisher.publish(publisher.loan(1000).expect("a slot")).expect("the older process works on");
+}
+
+#[test]
+fn no_shared_memory_is_an_error_with_the_cure() {
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]);
+    // A /dev/shm of its own that is too small, in namespaces that need no privilege.
+    let script = "mount -t tmpfs -o size=1m tmpfs /dev/shm && exec \"$@\"";
+    let mut command = Command::new("unshare");
+    command
+        .args(["--user", "--map-root-user", "--mount", "sh", "-c", script, "sh"])
+        .arg(executable())
+        .args(["capture", "--source", "synthetic", "--domain", lab.domain().as_str(), "--rig"])
+        .arg(&rig);
+    let can = Command::new("unshare")
+        .args(["--user", "--map-root-user", "--mount", "sh", "-c", script, "sh", "true"])
+        .status();
+    if !can.is_ok_and(|status| status.success()) {
+        eprintln!("SKIPPED: this machine allows no user namespaces");
+        return;
+    }
+    let ended = Running::start(command).wait();
+    assert_eq!(ended.code, Some(2), "{:?} {}", ended.code, ended.err);
+    assert!(ended.err.contains("no shared memory left"), "{}", ended.err);
+    assert!(ended.err.contains("/dev/shm"), "{}", ended.err);
+}
+
+fn refused(lab: &Lab, change: impl FnOnce(&mut DocumentMut)) -> String {
+    let path = lab.rig_file(|document| {
+        document["tolerance_us"] = value(1000.0);
+        change(document);
+    });
+    let path = path.display().to_string();
+    let mut said = String::new();
+    for command in [vec!["rig", "show", &path], vec!["up", &path], vec!["capture", "--rig", &path]] {
+        let ended = lab.start(&command).wait();
+        assert_eq!(ended.code, Some(2), "{command:?}: {}", ended.err);
+        assert!(ended.err.contains("rig.toml:"), "{command:?} names file and line: {}", ended.err);
+        said = ended.err;
+    }
+    said
+}
+
+/// The table of the second camera of the example.
+fn right(document: &mut DocumentMut) -> &mut toml_edit::Table {
+    document["camera"].as_array_of_tables_mut().and_then(|c| c.get_mut(1)).expect("a second camera")
+}
+
+#[test]
+fn a_bad_rig_file_is_named_with_line_key_and_what_would_be_valid() {
+    let lab = Lab::new();
+    let said = refused(&lab, |d| d["ratte_hz"] = value(1.0));
+    assert!(said.contains("`ratte_hz`") && said.contains("`rate_hz`"), "{said}");
+    let said = refused(&lab, |d| right(d)["name"] = value("left"));
+    assert!(said.contains("two cameras are called \"left\""), "{said}");
+    let said = refused(&lab, |d| {
+        right(d).remove("intrinsics");
+    });
+    assert!(said.contains("camera right has no [camera.intrinsics]"), "{said}");
+    let said = refused(&lab, |d| right(d)["pose"]["rotation"][0] = value(0.5).into_value().expect("a value").into());
+    assert!(said.contains("camera right: pose") && said.contains("no rotation"), "{said}");
+}
+
+#[test]
+fn a_missing_rig_file_is_named() {
+    let lab = Lab::new();
+    let ended = lab.start(&["segment", "--rig", "nowhere.toml"]).wait();
+    assert_eq!(ended.code, Some(2));
+    assert!(ended.err.contains("nowhere.toml"), "{}", ended.err);
+    assert!(!Path::new("nowhere.toml").exists());
+}
