@@ -52,7 +52,8 @@ impl Copies {
     /// When it does not count.
     pub fn of(&self, pid: u32) -> CopyCount {
         let path = self.counts.join(pid.to_string());
-        let bytes = fs::read(&path).unwrap_or_else(|e| panic!("process {pid} does not count its copies: {e}"));
+        let bytes =
+            fs::read(&path).unwrap_or_else(|e| panic!("process {pid} does not count its copies: {e}"));
         let number = |at: usize| u64::from_ne_bytes(bytes[at..at + 8].try_into().expect("eight bytes"));
         CopyCount { calls: number(0), bytes: number(8) }
     }

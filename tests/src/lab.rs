@@ -55,8 +55,7 @@ impl Lab {
 
     /// Writes the two-camera example rig with changes into `rig.toml`.
     pub fn rig_file(&self, change: impl FnOnce(&mut DocumentMut)) -> PathBuf {
-        let example =
-            Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
+        let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
         let path = self.path("rig.toml");
         fs::copy(example, &path).expect("copied");
         let mut edit = RigEdit::open(&path).expect("the example is a rig file");

@@ -14,7 +14,7 @@ mod watch;
 pub use copies::{Copies, CopyCount};
 pub use executable::executable;
 pub use lab::Lab;
-pub use running::{Ended, Running};
+pub use running::{Ended, Running, signal_process};
 pub use watch::Watch;
 
 use std::{

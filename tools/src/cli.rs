@@ -66,6 +66,8 @@ enum Command {
     Latency(commands::latency::Args),
     /// Print messages of a running rig as JSON lines.
     Listen(commands::listen::Args),
+    /// Measure kernels, transport and the whole pipeline beside the machine's floors.
+    Bench(commands::bench::Args),
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
     /// Compare the triangulation methods, or triangulate given points with each.
@@ -99,6 +101,7 @@ impl Cli {
             Command::Process(args) => commands::process::run(&args),
             Command::Latency(args) => commands::latency::run(&args),
             Command::Listen(args) => commands::listen::run(&args),
+            Command::Bench(args) => commands::bench::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Compare(args) => commands::compare::run(&args),
             Command::Calib(args) => commands::calib::run(&args),

@@ -1,5 +1,6 @@
 //! `netcord`: one executable, each subcommand a process of its own.
 
+mod bench;
 mod cli;
 mod commands;
 mod exit;

@@ -16,7 +16,18 @@ fn the_demo_tracks_the_ball_writes_its_report_and_leaves_nothing() {
     let path = lab.path("demo.json");
     let path_text = path.display().to_string();
     let mut command = lab.command(&[
-        "demo", "--seconds", "4", "--warm-up", "2", "--rate", "50", "--seed", "7", "--quiet", "--report", &path_text,
+        "demo",
+        "--seconds",
+        "4",
+        "--warm-up",
+        "2",
+        "--rate",
+        "50",
+        "--seed",
+        "7",
+        "--quiet",
+        "--report",
+        &path_text,
     ]);
     // Its folder of iceoryx2's files is a fresh one, so that whatever stays in it is seen.
     let temporary = lab.path("tmp");
@@ -27,7 +38,10 @@ fn the_demo_tracks_the_ball_writes_its_report_and_leaves_nothing() {
 
     let report: Value = serde_json::from_slice(&fs::read(&path).expect("a report")).expect("JSON");
     let number = |pointer: &str| {
-        report.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer} in {report:#}"))
+        report
+            .pointer(pointer)
+            .and_then(Value::as_f64)
+            .unwrap_or_else(|| panic!("no {pointer} in {report:#}"))
     };
     // Latencies are the machine's; what is found, and where, is ours.
     assert!(number("/findable") >= 50.0, "{report:#}");
@@ -38,8 +52,11 @@ fn the_demo_tracks_the_ball_writes_its_report_and_leaves_nothing() {
     assert_eq!(number("/frames/unsynchronised"), 0.0, "{report:#}");
     assert!((number("/frames/published") - 400.0).abs() <= 4.0, "two cameras, 50 Hz, 4 s: {report:#}");
     assert!((number("/rate_hz") - 50.0).abs() < 2.0, "{report:#}");
-    for latency in ["frame_to_position", "exposure_to_position", "capture", "segment", "triangulate", "predict"] {
-        let quantiles = ["p50", "p90", "p99", "p999", "max"].map(|q| number(&format!("/latency_ms/{latency}/{q}")));
+    for latency in
+        ["frame_to_position", "exposure_to_position", "capture", "segment", "triangulate", "predict"]
+    {
+        let quantiles =
+            ["p50", "p90", "p99", "p999", "max"].map(|q| number(&format!("/latency_ms/{latency}/{q}")));
         assert!(quantiles.is_sorted() && quantiles[0] >= 0.0, "{latency}: {quantiles:?}");
     }
     // Half of the exposure at least lies between its middle and the frame.

@@ -103,7 +103,8 @@ fn a_bad_rig_file_is_named_with_line_key_and_what_would_be_valid() {
         right(d).remove("intrinsics");
     });
     assert!(said.contains("camera right has no [camera.intrinsics]"), "{said}");
-    let said = refused(&lab, |d| right(d)["pose"]["rotation"][0] = value(0.5).into_value().expect("a value").into());
+    let said =
+        refused(&lab, |d| right(d)["pose"]["rotation"][0] = value(0.5).into_value().expect("a value").into());
     assert!(said.contains("camera right: pose") && said.contains("no rotation"), "{said}");
 }
 

@@ -37,7 +37,10 @@ fn listen_and_latency_attach_to_a_running_rig() {
     let ended = lab.start(&["latency", "--rig", &rig, "--seconds", "2", "--report", &report_text]).wait();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     let report: Value = serde_json::from_slice(&std::fs::read(report).expect("a report")).expect("JSON");
-    assert!(report["latency_ms"]["frame_to_position"]["p50"].as_f64().is_some_and(|ms| ms > 0.0), "{report:#}");
+    assert!(
+        report["latency_ms"]["frame_to_position"]["p50"].as_f64().is_some_and(|ms| ms > 0.0),
+        "{report:#}"
+    );
     assert!(report["frames"]["published"].as_u64().is_some_and(|n| n > 100), "{report:#}");
     assert!(report["rate_hz"].as_f64().is_some_and(|hz| (hz - 50.0).abs() < 5.0), "{report:#}");
     assert_eq!(up.stop().code, Some(0));
@@ -72,6 +75,9 @@ fn every_subcommand_explains_itself() {
             std::process::Command::new(executable()).args([command, "--help"]).output().expect("it runs");
         let text = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success() && text.contains("Usage:"), "{command}");
-        assert!(text.lines().next().is_some_and(|line| line.len() > 20), "{command} says what it is for: {text}");
+        assert!(
+            text.lines().next().is_some_and(|line| line.len() > 20),
+            "{command} says what it is for: {text}"
+        );
     }
 }

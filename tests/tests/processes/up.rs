@@ -1,5 +1,6 @@
 //! `netcord up`: order, state, and ends.
 
+use netcord_common::{Clock as _, MonotonicClock};
 use netcord_tests::{Lab, Watch, one_at_a_time, until};
 use nix::sys::signal::Signal;
 use serde_json::Value;
@@ -38,7 +39,9 @@ fn processes_start_in_order_each_when_the_one_before_is_ready_and_all_stop() {
         .iter()
         .map(|line| serde_json::from_str::<Value>(line).expect("JSON"))
         .filter(|event| event["event"] == "ended")
-        .map(|event| format!("{} {}", event["process"].as_str().unwrap_or("?"), event["how"].as_str().unwrap_or("?")))
+        .map(|event| {
+            format!("{} {}", event["process"].as_str().unwrap_or("?"), event["how"].as_str().unwrap_or("?"))
+        })
         .collect();
     assert_eq!(ends, ["capture ended", "segment ended", "triangulate ended", "predict ended"]);
     assert!(stages.values().all(|pid| !is_alive(*pid)));
@@ -66,7 +69,7 @@ fn the_children_end_when_up_is_killed_and_the_next_up_finds_a_clean_house() {
         now.iter().all(|(stage, pid)| stages[stage] != *pid).then_some(now)
     });
     assert!(now.values().all(|pid| is_alive(*pid)));
-    watch.position_after(watch.health_time());
+    watch.position_after(MonotonicClock.now().as_ns());
     drop(watch);
     drop(bus);
     assert_eq!(up.stop().code, Some(0));
@@ -79,6 +82,10 @@ fn what_does_not_start_is_given_up_with_its_reason() {
     let rig = lab.synthetic_rig(50.0, &["--no-such-switch"]);
     let ended = lab.start(&["up", &rig.display().to_string(), "--quiet"]).wait();
     assert_eq!(ended.code, Some(2), "{}", ended.err);
-    assert!(ended.err.contains("--no-such-switch") && ended.err.contains("capture does not start"), "{}", ended.err);
+    assert!(
+        ended.err.contains("--no-such-switch") && ended.err.contains("capture does not start"),
+        "{}",
+        ended.err
+    );
     assert_eq!(lab.shared_memory(), Vec::<std::path::PathBuf>::new());
 }

@@ -41,9 +41,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 2.0)]
     warm_up: f64,
 
-    /// Publish frames that are rendered beforehand, for rates at which the renderer would be the limit.
-    #[arg(long)]
-    prerendered: bool,
+    /// Publish N frames that are rendered beforehand, round and round, for rates at which the renderer would be
+    /// the limit.
+    #[arg(long, value_name = "N")]
+    prerendered: Option<usize>,
 
     /// Attach `netcord record` and keep the recording in this file.
     #[arg(long, value_name = "OUT.mcap")]

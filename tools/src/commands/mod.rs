@@ -1,5 +1,6 @@
 //! One file a subcommand: its `Args`, and `run`.
 
+pub mod bench;
 pub mod calib;
 pub mod capture;
 pub mod compare;

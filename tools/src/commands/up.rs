@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
     Clock as _, DomainName, MonotonicClock, Shutdown,
     bus::{Bus, DomainRemains},
@@ -13,7 +14,6 @@ use netcord_common::{
 };
 use serde_json::json;
 
-use super::listen::truth_domain;
 use crate::{
     exit::{CommandResult, Outcome},
     observer::{Observer, Tally},

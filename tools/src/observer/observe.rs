@@ -3,7 +3,7 @@ use std::time::Duration;
 use netcord_common::{
     bus::{Bus, BusError, Subscriber, Topic},
     rig::Rig,
-    wire::{BallPosition, BallTrajectory, Detections, Frameset, Health},
+    wire::{BallPosition, BallTrajectory, BallTruth, Detections, Frameset, Health},
 };
 
 /// One message seen.
@@ -19,6 +19,8 @@ pub enum Observed<'a> {
     Trajectory(&'a BallTrajectory),
     /// A process's counters.
     Health(&'a Health),
+    /// What is true; never from an [`Observer`], since the truth travels in a domain of its own.
+    Truth(&'a BallTruth),
 }
 
 /// Reading ends of all small messages of a rig; frames are left alone.

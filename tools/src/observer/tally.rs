@@ -24,6 +24,7 @@ impl Tally {
             Observed::Detections(detections) => self.losses.detections(detections),
             Observed::Health(health) => self.losses.health(health),
             Observed::Trajectory(trajectory) => self.latencies.trajectory(trajectory),
+            Observed::Truth(_) => {}
             Observed::Position(position) => {
                 self.latencies.position(position);
                 let at = position.stamps.triangulate_published_ns;

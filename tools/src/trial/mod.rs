@@ -2,6 +2,8 @@
 //! the truth. `demo` is one trial; `bench` runs many.
 
 mod cpu;
+mod deployment;
+mod error;
 mod judge;
 mod plots;
 mod report;
@@ -9,7 +11,9 @@ mod running;
 mod setup;
 mod view;
 
+pub use deployment::Deployment;
+pub use error::TrialError;
 pub use judge::{Judge, Judged, Judgement, Score};
 pub use report::TrialReport;
-pub use running::{Trial, TrialError, run};
-pub use setup::{Scene, Setup};
+pub use running::{Trial, run};
+pub use setup::{Scene, Setup, example_rig};

@@ -42,8 +42,8 @@ pub struct SetupReport {
     pub seed: u64,
     /// Scene.
     pub scene: &'static str,
-    /// Whether frames were rendered beforehand.
-    pub prerendered: bool,
+    /// Frames rendered beforehand; absent where each was rendered in time.
+    pub prerendered: Option<usize>,
     /// Whether `netcord record` was attached.
     pub recorded: bool,
 }

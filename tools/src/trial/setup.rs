@@ -4,7 +4,10 @@ use std::{
 };
 
 use clap::ValueEnum;
-use netcord_common::{DomainName, rig::RigEdit};
+use netcord_common::{
+    DomainName,
+    rig::{Rig, RigEdit},
+};
 use toml_edit::{Array, ArrayOfTables, Item, Table, value};
 
 use super::TrialError;
@@ -51,9 +54,9 @@ pub struct Setup {
     pub seed: u64,
     /// The scene.
     pub scene: Scene,
-    /// Frames are rendered beforehand and published from a pool, so that the pipeline is measured and not
-    /// the renderer.
-    pub prerendered: bool,
+    /// So many frames are rendered beforehand and published round and round, so that the pipeline is measured
+    /// and not the renderer.
+    pub prerendered: Option<usize>,
     /// More arguments of `netcord capture`, such as its fault switches.
     pub capture_args: Vec<String>,
     /// Attach `netcord record` with this file.
@@ -69,11 +72,29 @@ impl Default for Setup {
             warm_up_s: 2.0,
             seed: 1,
             scene: Scene::Normal,
-            prerendered: false,
+            prerendered: None,
             capture_args: Vec::new(),
             record: None,
         }
     }
+}
+
+/// The text of the smallest example rig that has `cameras` cameras.
+fn example(cameras: usize) -> Result<&'static str, TrialError> {
+    match cameras {
+        2 => Ok(TWO_CAMERAS),
+        3 | 4 => Ok(FOUR_CAMERAS),
+        5..=8 => Ok(EIGHT_CAMERAS),
+        other => Err(TrialError::Setup(format!("{other} cameras: there are example rigs of 2 to 8"))),
+    }
+}
+
+/// The example rig of `cameras` cameras: 2, 4 or 8.
+///
+/// # Errors
+/// [`TrialError::Setup`] for other numbers.
+pub fn example_rig(cameras: usize) -> Result<Rig, TrialError> {
+    Ok(Rig::parse(example(cameras)?, Path::new("example rig"))?)
 }
 
 impl Setup {
@@ -82,12 +103,7 @@ impl Setup {
     /// # Errors
     /// [`TrialError`] when it cannot be written, or the setup fits no example rig.
     pub(super) fn write_rig(&self, folder: &Path, domain: &DomainName) -> Result<PathBuf, TrialError> {
-        let text = match self.cameras {
-            2 => TWO_CAMERAS,
-            3 | 4 => FOUR_CAMERAS,
-            5..=8 => EIGHT_CAMERAS,
-            other => return Err(TrialError::Setup(format!("{other} cameras: a trial has 2 to 8"))),
-        };
+        let text = example(self.cameras)?;
         let path = folder.join("rig.toml");
         fs::write(&path, text).map_err(|e| TrialError::file(&path, e))?;
         let mut edit = RigEdit::open(&path)?;
@@ -113,8 +129,8 @@ impl Setup {
         let mut capture = vec!["--source".to_owned(), "synthetic".into()];
         capture.extend(["--seed".into(), self.seed.to_string()]);
         capture.extend(["--scene".into(), self.scene.name().into()]);
-        if self.prerendered {
-            capture.push("--prerendered".into());
+        if let Some(frames) = self.prerendered {
+            capture.extend(["--prerendered".into(), frames.to_string()]);
         }
         capture.extend(self.capture_args.iter().cloned());
         let mut processes = ArrayOfTables::new();
@@ -138,8 +154,6 @@ fn process(command: &str, arguments: Vec<String>) -> Table {
 
 #[cfg(test)]
 mod tests {
-    use netcord_common::rig::Rig;
-
     use super::*;
 
     #[test]

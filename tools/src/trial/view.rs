@@ -1,6 +1,6 @@
 use std::collections::VecDeque;
 
-use netcord_common::wire::{BallPosition, BallTruth};
+use crate::observer::Observed;
 
 /// The table from above and from the side, drawn with characters: what was found, over the truth.
 #[derive(Debug, Default)]
@@ -23,15 +23,13 @@ const ROWS_ABOVE: usize = 13;
 const ROWS_SIDE: usize = 7;
 
 impl TableView {
-    pub(super) fn truth(&mut self, truth: &BallTruth) {
-        if truth.present == 1 {
-            push(&mut self.truth, truth.position_m);
-        }
-    }
-
-    pub(super) fn position(&mut self, position: &BallPosition) {
-        if position.is_present() {
-            push(&mut self.found, position.position_m);
+    pub(super) fn see(&mut self, seen: &Observed<'_>) {
+        match seen {
+            Observed::Truth(truth) if truth.present == 1 => push(&mut self.truth, truth.position_m),
+            Observed::Position(position) if position.is_present() => {
+                push(&mut self.found, position.position_m);
+            }
+            _ => {}
         }
     }
 
@@ -109,18 +107,24 @@ fn cell(right: f64, bound_right: f64, down: f64, bound_down: f64, rows: usize) -
 
 #[cfg(test)]
 mod tests {
+    use netcord_common::wire::BallPosition;
+
     use super::*;
+
+    fn found(view: &mut TableView, position_m: [f64; 3]) {
+        view.see(&Observed::Position(&BallPosition { position_m, ..BallPosition::default() }));
+    }
 
     #[test]
     fn a_ball_over_the_middle_shows_in_the_middle_of_both_views() {
         let mut view = TableView::default();
-        view.position(&BallPosition { position_m: [0.0, 0.0, 0.4], ..BallPosition::default() });
+        found(&mut view, [0.0, 0.0, 0.4]);
         let lines = view.lines();
         assert_eq!(lines.len(), ROWS_ABOVE + ROWS_SIDE);
         let column = |line: &str| line.chars().position(|c| c == '●');
         assert_eq!(column(&lines[ROWS_ABOVE / 2]), Some(2 + COLUMNS / 2));
         assert_eq!(column(&lines[ROWS_ABOVE + ROWS_SIDE / 2]), Some(2 + COLUMNS / 2));
-        view.position(&BallPosition { position_m: [9.0, 9.0, 9.0], ..BallPosition::default() });
+        found(&mut view, [9.0, 9.0, 9.0]);
         assert!(view.lines().iter().all(|l| !l.contains('●')), "outside of what is shown");
     }
 }

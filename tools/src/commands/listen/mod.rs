@@ -7,6 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
     DomainName, Shutdown,
     bus::{Bus, BusError, FrameSubscriber, Listen, Subscriber, Topic, wait_any},
@@ -144,14 +145,6 @@ fn sources(
         }
     }
     Ok(open.sources)
-}
-
-/// Where the synthetic source of `domain` publishes the truth.
-///
-/// # Errors
-/// When the domain's name is too long to be lengthened.
-pub fn truth_domain(domain: &DomainName) -> Result<DomainName, netcord_common::NameError> {
-    DomainName::new(format!("{domain}-truth"))
 }
 
 struct Opener<'a> {

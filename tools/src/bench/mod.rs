@@ -1,0 +1,19 @@
+//! What `netcord bench` measures: kernels beside the machine's floor, the transport, the whole pipeline.
+
+mod floor;
+mod frames;
+mod kernels;
+mod median;
+mod pipeline;
+mod transport;
+mod triangulation;
+
+pub use floor::sum_bytes;
+pub use frames::FrameRing;
+pub use kernels::{KernelTimes, measure_kernels};
+pub use median::median;
+pub use pipeline::{
+    LADDER_HZ, Ladder, RecordEffect, Recovery, measure_ladder, measure_record_effect, measure_recovery,
+};
+pub use transport::{SIZES, TransportSize, measure_transport, serve_reader};
+pub use triangulation::measure_triangulation;

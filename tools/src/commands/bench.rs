@@ -1,0 +1,154 @@
+//! `netcord bench`: kernels, transport and the whole pipeline, measured beside the machine's floors.
+
+use std::{fs, io::Write as _, path::PathBuf};
+
+use clap::ValueEnum;
+use netcord_capture::synthetic::scene::Preset;
+use netcord_common::{DomainName, Shutdown};
+use serde_json::{Map, Value, json};
+
+use crate::{
+    bench::{
+        FrameRing, measure_kernels, measure_ladder, measure_record_effect, measure_recovery,
+        measure_transport, measure_triangulation, serve_reader,
+    },
+    exit::{CommandResult, Outcome},
+    terminal::LiveLines,
+    trial::example_rig,
+};
+
+/// Arguments of `netcord bench`.
+///
+/// Scalars are medians. The floor is one thread summing a frame with the same vector width as the segmenter's
+/// kernels, frames taken in turn from a ring of more than 128 MB; reading and segmenting alternate in one loop.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Measure this only; may be repeated.
+    #[arg(long, value_enum, value_name = "NAME")]
+    only: Vec<Part>,
+
+    /// Write the result here as JSON.
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
+
+    /// Where the recordings of the record-effect go: a folder on tmpfs with 6 GB of room.
+    #[arg(long, value_name = "FOLDER", default_value = "/dev/shm")]
+    record_folder: PathBuf,
+
+    /// The other end of the transport's measurement: started by this command itself.
+    #[arg(long, hide = true)]
+    transport_reader: Option<DomainName>,
+}
+
+/// What can be measured by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// read_frame_us, segment_full_us, segment_full_over_read, segment_window_us
+    Kernels,
+    /// triangulate_us.{2,8}
+    Triangulate,
+    /// transport_us.{100k,1m,4m,16m}
+    Transport,
+    /// max_rate_hz: the highest rate of a ladder with no loss in 10 s, frames rendered beforehand
+    MaxRate,
+    /// record_effect: five interleaved pairs of runs with and without recording
+    RecordEffect,
+    /// recovery: from kill -9 of a process until positions flow again
+    Recovery,
+}
+
+/// Runs `netcord bench`.
+pub fn run(args: &Args) -> CommandResult {
+    if let Some(domain) = &args.transport_reader {
+        serve_reader(domain)?;
+        return Ok(Outcome::Good);
+    }
+    let stop = Shutdown::on_signals()?;
+    let mut progress = Progress { live: LiveLines::new(false) };
+    let mut report = Map::new();
+    let parts = if args.only.is_empty() { Part::value_variants().to_vec() } else { args.only.clone() };
+    for part in parts {
+        if stop.is_requested() {
+            return Err("stopped before the end".into());
+        }
+        let result = measure(part, args, &stop, &mut progress)?;
+        progress.live.draw(&[]);
+        for (key, value) in result {
+            println!("{key}: {value}");
+            report.insert(key.to_owned(), value);
+        }
+        std::io::stdout().flush()?;
+    }
+    if let Some(path) = &args.report {
+        let text = serde_json::to_string_pretty(&report)?;
+        fs::write(path, text + "\n")
+            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+    }
+    Ok(Outcome::Good)
+}
+
+/// One measurement's keys and values.
+fn measure(
+    part: Part,
+    args: &Args,
+    stop: &Shutdown,
+    progress: &mut Progress,
+) -> Result<Vec<(&'static str, Value)>, Box<dyn std::error::Error>> {
+    Ok(match part {
+        Part::Kernels => {
+            let rig = example_rig(2)?;
+            progress.say("rendering frames".into());
+            let ring = FrameRing::render(&rig, Preset::Normal, 1)?;
+            let times = measure_kernels(&rig, &ring, &mut |share| progress.share("kernels", share))?;
+            vec![
+                ("read_frame_us", json!(times.read_frame_us)),
+                ("segment_full_us", json!(times.segment_full_us)),
+                ("segment_full_over_read", json!(times.segment_full_over_read)),
+                ("segment_window_us", json!(times.segment_window_us)),
+            ]
+        }
+        Part::Triangulate => {
+            let mut times = Map::new();
+            for cameras in [2, 8] {
+                progress.say(format!("triangulation with {cameras} cameras"));
+                times.insert(cameras.to_string(), json!(measure_triangulation(&example_rig(cameras)?)));
+            }
+            vec![("triangulate_us", Value::Object(times))]
+        }
+        Part::Transport => {
+            let times = measure_transport(&mut |share| progress.share("transport", share))?;
+            let times = times.into_iter().map(|(size, us)| (size.key.to_owned(), json!(us)));
+            vec![("transport_us", Value::Object(times.collect()))]
+        }
+        Part::MaxRate => {
+            let ladder = measure_ladder(stop, &mut |text| progress.say(text))?;
+            vec![("max_rate_hz", json!(ladder.max_rate_hz)), ("max_rate_ladder", json!(ladder.rungs))]
+        }
+        Part::RecordEffect => {
+            let effect = measure_record_effect(&args.record_folder, stop, &mut |text| progress.say(text))?;
+            vec![("record_effect", json!(effect))]
+        }
+        Part::Recovery => {
+            vec![("recovery", json!(measure_recovery(stop, &mut |text| progress.say(text))?))]
+        }
+    })
+}
+
+/// What is being measured, in the terminal.
+struct Progress {
+    live: LiveLines,
+}
+
+impl Progress {
+    fn say(&mut self, text: String) {
+        self.live.draw(&[text]);
+    }
+
+    fn share(&mut self, what: &str, share: f64) {
+        // Drawn for whole percents only, so that drawing disturbs little.
+        let percent = share * 100.0;
+        if percent.fract() < 0.35 {
+            self.live.draw(&[format!("{what}: {percent:.0} %")]);
+        }
+    }
+}
