@@ -10,10 +10,8 @@ mod triangulation;
 
 pub use floor::sum_bytes;
 pub use frames::FrameRing;
-pub use kernels::{KernelTimes, measure_kernels};
+pub use kernels::measure_kernels;
 pub use median::median;
-pub use pipeline::{
-    LADDER_HZ, Ladder, RecordEffect, Recovery, measure_ladder, measure_record_effect, measure_recovery,
-};
-pub use transport::{SIZES, TransportSize, measure_transport, serve_reader};
+pub use pipeline::{measure_ladder, measure_record_effect, measure_recovery};
+pub use transport::{measure_transport, serve_reader};
 pub use triangulation::measure_triangulation;

@@ -91,11 +91,6 @@ impl Losses {
             lost_by_reason: by_reason,
         }
     }
-
-    /// How much `counter` of `process` has grown since the observation began.
-    pub fn counted(&self, process: &str, counter: &str) -> Option<u64> {
-        self.counters.get(&format!("{process}/{counter}")).map(|c| c.total)
-    }
 }
 
 /// Whether a counter of `rig/health` counts something that went missing.

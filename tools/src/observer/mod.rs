@@ -6,7 +6,7 @@ mod losses;
 mod observe;
 mod tally;
 
-pub use latency::{LATENCIES, Latencies, LatencyReport, Quantiles};
+pub use latency::{Latencies, LatencyReport};
 pub use losses::{FrameReport, Losses};
 pub use observe::{Observed, Observer};
 pub use tally::Tally;

@@ -70,11 +70,6 @@ impl Tally {
         self.losses.report()
     }
 
-    /// Losses so far, for a closer look.
-    pub const fn losses(&self) -> &Losses {
-        &self.losses
-    }
-
     /// All of it as lines for a terminal.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();

@@ -15,5 +15,5 @@ pub use deployment::Deployment;
 pub use error::TrialError;
 pub use judge::{Judge, Judged, Judgement, Score};
 pub use report::TrialReport;
-pub use running::{Trial, run};
+pub use running::run;
 pub use setup::{Scene, Setup, example_rig};
