@@ -4,11 +4,16 @@ use std::{
     io,
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
 };
 
+use crate::time::{Clock as _, MonotonicClock};
 use signal_hook::consts::{SIGINT, SIGTERM};
+
+/// Signals this close together are one request: `timeout` and terminals send theirs to a process and to its
+/// group, so that it comes twice.
+const SAME_REQUEST_NS: u64 = 500_000_000;
 
 /// The flag. Cheap to clone.
 #[derive(Debug, Clone, Default)]
@@ -20,17 +25,30 @@ impl Shutdown {
         Self::default()
     }
 
-    /// A flag that SIGINT and SIGTERM set. A second signal ends the process at once, so that a person
-    /// is never stuck.
+    /// A flag that SIGINT and SIGTERM set. A second signal, half a second later or more, ends the process at
+    /// once, so that a person is never stuck.
     ///
     /// # Errors
     /// When the handlers cannot be installed.
     pub fn on_signals() -> io::Result<Self> {
         let flag = Self::new();
         for signal in [SIGINT, SIGTERM] {
-            // In this order: the second handler sees the flag only from the second signal on.
-            signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&flag.0))?;
-            signal_hook::flag::register(signal, Arc::clone(&flag.0))?;
+            let flag = flag.clone();
+            let first_ns = AtomicU64::new(0);
+            // SAFETY: the action only reads the clock, touches atomics and perhaps ends the process with _exit:
+            // all async-signal-safe.
+            unsafe {
+                signal_hook::low_level::register(signal, move || {
+                    let now_ns = MonotonicClock.now().as_ns();
+                    // Relaxed: nothing else is published by the instant of the first signal.
+                    match first_ns.compare_exchange(0, now_ns, Ordering::Relaxed, Ordering::Relaxed) {
+                        Err(first) if now_ns - first > SAME_REQUEST_NS => {
+                            signal_hook::low_level::exit(128 + signal);
+                        }
+                        _ => flag.request(),
+                    }
+                })?;
+            }
         }
         Ok(flag)
     }

@@ -1,7 +1,10 @@
 //! Log output of a process: level and format by flag and environment, to standard error, never a line
 //! per frame.
 
-use std::str::FromStr;
+use std::{
+    io::{self, IsTerminal as _},
+    str::FromStr,
+};
 
 use tracing_subscriber::{EnvFilter, fmt, layer::SubscriberExt, util::SubscriberInitExt};
 
@@ -37,7 +40,7 @@ pub fn init(filter: &str, format: LogFormat) -> Result<(), String> {
         format!("log filter {filter:?} is not valid: {e}; try info, or warn,netcord_capture=debug")
     })?;
     let registry = tracing_subscriber::registry().with(filter);
-    let layer = fmt::layer().with_writer(std::io::stderr).with_target(false);
+    let layer = fmt::layer().with_writer(io::stderr).with_ansi(io::stderr().is_terminal()).with_target(false);
     let installed = match format {
         LogFormat::Text => registry.with(layer.compact()).try_init(),
         LogFormat::Json => registry.with(layer.json()).try_init(),

@@ -1,6 +1,13 @@
 //! What every process of a rig does around its own work.
 
-use std::{error::Error, sync::Arc};
+use std::{
+    error::Error,
+    os::{
+        linux::net::SocketAddrExt as _,
+        unix::net::{SocketAddr, UnixDatagram},
+    },
+    sync::Arc,
+};
 
 use netcord_common::{Counters, Shutdown, bus::Bus, rig::Rig};
 
@@ -44,7 +51,26 @@ pub fn run<E: Into<Box<dyn Error>>>(
 
 /// Tells the process's supervisor, if it has one that listens, that it is at work.
 pub fn notify_ready() {
-    if let Err(e) = sd_notify::notify(&[sd_notify::NotifyState::Ready]) {
-        tracing::warn!("the supervisor at NOTIFY_SOCKET cannot be told of readiness: {e}");
+    notify("READY=1");
+}
+
+/// Tells the process's supervisor that it has begun to stop.
+pub fn notify_stopping() {
+    notify("STOPPING=1");
+}
+
+/// systemd's protocol, sd_notify(3): one datagram to the socket that NOTIFY_SOCKET names, a path or, behind
+/// an '@', a name in the abstract namespace.
+fn notify(state: &str) {
+    let Some(name) = std::env::var_os("NOTIFY_SOCKET") else { return };
+    let sent = (|| {
+        let address = match name.as_encoded_bytes().strip_prefix(b"@") {
+            Some(name) => SocketAddr::from_abstract_name(name)?,
+            None => SocketAddr::from_pathname(&name)?,
+        };
+        UnixDatagram::unbound()?.send_to_addr(state.as_bytes(), &address)
+    })();
+    if let Err(e) = sent {
+        tracing::warn!("the supervisor at {} cannot be told {state}: {e}", name.display());
     }
 }

@@ -240,6 +240,9 @@ impl Stand {
             // Triggers that have gone by while the machine was busy are lost, and said to be.
             let late_ns = MonotonicClock.now().as_ns().saturating_sub(shift.mid_ns(n));
             for _ in 0..late_ns / shift.interval_ns {
+                if shift.stop.is_requested() {
+                    break;
+                }
                 self.miss(n, shift)?;
                 n += 1;
             }

@@ -1,7 +1,10 @@
 use std::{os::fd::BorrowedFd, time::Duration};
 
 use iceoryx2::{
-    port::{listener::Listener, notifier::Notifier},
+    port::{
+        listener::{Listener, ListenerWaitError},
+        notifier::Notifier,
+    },
     prelude::FileDescriptorBased,
 };
 use nix::{
@@ -110,7 +113,11 @@ impl Waker {
     }
 
     pub(super) fn wait(&self, timeout: Duration) -> Result<(), BusError> {
-        self.listener.timed_wait(|_| {}, timeout).map(|_| ()).map_err(|e| self.failed(&e))
+        match self.listener.timed_wait(|_| {}, timeout) {
+            // A signal: the caller looks at its flag.
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(e) => Err(self.failed(&e)),
+        }
     }
 
     pub(super) fn clear(&self) -> Result<(), BusError> {

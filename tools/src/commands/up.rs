@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> CommandResult {
     let mut narrator =
         Narrator { events: args.events, live: LiveLines::new(args.quiet), died: 0, given_up: None };
     let result = watch(args, &rig, &bus, &stop, &mut supervisor, &mut narrator);
-    let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
+    stage::notify_stopping();
     supervisor.stop(&mut |happening| narrator.tell(&happening));
     bus.clean_up_dead();
     drop(bus);
