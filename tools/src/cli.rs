@@ -72,6 +72,8 @@ enum Command {
     Rig(commands::rig::Args),
     /// Compare the triangulation methods, or triangulate given points with each.
     Compare(commands::compare::Args),
+    /// List USB3 Vision cameras, read and set their features, look through one.
+    Cameras(commands::cameras::Args),
     /// Calibrate cameras, rig and table, from printed boards.
     Calib(commands::calib::Args),
 }
@@ -104,6 +106,7 @@ impl Cli {
             Command::Bench(args) => commands::bench::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Compare(args) => commands::compare::run(&args),
+            Command::Cameras(args) => commands::cameras::run(&args),
             Command::Calib(args) => commands::calib::run(&args),
         }
     }

@@ -14,6 +14,8 @@ mod discovery;
 pub mod genapi;
 pub mod gencp;
 mod matching;
+#[cfg(test)]
+mod mutation;
 mod settings;
 mod source;
 pub mod stream;

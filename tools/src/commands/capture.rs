@@ -1,6 +1,6 @@
 //! `netcord capture`: frames from a source into shared memory, checked and counted.
 
-use std::{path::PathBuf, time::Duration};
+use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use netcord_capture::{
     FrameSource,
@@ -8,7 +8,9 @@ use netcord_capture::{
         Fault, SyntheticOptions, SyntheticSource,
         scene::{Preset, SceneOptions},
     },
+    usb::{UsbOptions, UsbSource},
 };
+use netcord_common::Counters;
 
 use super::RigArgs;
 use crate::{exit::CommandResult, stage};
@@ -23,6 +25,10 @@ pub struct Args {
     /// Where frames come from.
     #[arg(long, value_enum, default_value_t = SourceKind::Synthetic)]
     source: SourceKind,
+
+    /// Frames in flight of each camera on USB, 1 to 7.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    depth: usize,
 
     #[command(flatten)]
     scene: SceneArgs,
@@ -56,6 +62,8 @@ pub struct Args {
 pub enum SourceKind {
     /// A rendered scene.
     Synthetic,
+    /// The rig's USB3 Vision cameras, by the serial numbers of its file.
+    Usb,
 }
 
 /// What a synthetic scene shows.
@@ -94,7 +102,7 @@ impl SceneArgs {
 /// Runs `netcord capture`.
 pub fn run(args: &Args) -> CommandResult {
     stage::run("capture", &args.rig, |stage| {
-        let mut source = source(args, &stage.rig)?;
+        let mut source = source(args, &stage.rig, &stage.counters)?;
         netcord_capture::run(&stage.bus, &stage.rig, source.as_mut(), &stage.stop, &stage.counters)?;
         Ok::<_, Box<dyn std::error::Error>>(())
     })
@@ -103,8 +111,12 @@ pub fn run(args: &Args) -> CommandResult {
 fn source(
     args: &Args,
     rig: &netcord_common::rig::Rig,
+    counters: &Arc<Counters>,
 ) -> Result<Box<dyn FrameSource>, Box<dyn std::error::Error>> {
-    let SourceKind::Synthetic = args.source;
+    if args.source == SourceKind::Usb {
+        let options = UsbOptions { depth: args.depth, ..UsbOptions::default() };
+        return Ok(Box::new(UsbSource::new(rig, options, counters)?));
+    }
     let options = SyntheticOptions {
         scene: args.scene.options(),
         rate_hz: args.rate,

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod calib;
+pub mod cameras;
 pub mod capture;
 pub mod compare;
 pub mod demo;
