@@ -53,13 +53,13 @@ unplug() {
 
 # row NAME WANTED COMMAND…: the output must match the extended regular expression WANTED.
 row() {
-    name=$1
+    title=$1
     wanted=$2
     shift 2
     if timeout 60 "$@" > /tmp/row 2>&1 && grep -Eq "$wanted" /tmp/row; then
-        report "ok $name: $(grep -E "$wanted" /tmp/row | head -1 | cut -c1-150)"
+        report "ok $title: $(grep -E "$wanted" /tmp/row | head -1 | cut -c1-150)"
     else
-        report "FAILED $name: wanted $wanted, got: $(tail -5 /tmp/row | tr '\n' ' ' | cut -c1-400)"
+        report "FAILED $title: wanted $wanted, got: $(tail -5 /tmp/row | tr '\n' ' ' | cut -c1-400)"
     fi
 }
 
