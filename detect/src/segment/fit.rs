@@ -42,8 +42,6 @@ pub struct Fit {
     pub chi2: f32,
     /// Whether the path was fitted, or is taken as none.
     pub moving: bool,
-    /// Last step of the centre, px.
-    pub last_step: f32,
 }
 
 /// Sums over a patch that a step needs.
@@ -306,8 +304,7 @@ const MAX_STEPS: usize = 12;
 /// A step of the centre shorter than this ends the fit, px.
 const CONVERGED_PX: f32 = 0.004;
 
-/// Fits the outline, starting from `start`; the path is fitted where `moving`, else taken as none. `levels`
-/// are the ball's levels by colour to start from, `typical` the size of its contrast by colour, DN.
+/// Fits the outline, starting from `start`; the path is fitted where `moving`, else taken as none. `typical` is the size of its contrast by colour, DN.
 /// None where the pixels do not determine it.
 pub fn fit(
     patch: &Patch,
@@ -377,7 +374,7 @@ pub fn fit(
     let (sums, eliminated) = last?;
     let chi2 = (sums.cost / sums.weight.max(1.0)) as f32;
     let covariance = outline_covariance(&eliminated, &sweep, prior, free)?;
-    Some(Fit { sweep, shading, covariance, chi2, moving, last_step })
+    Some(Fit { sweep, shading, covariance, chi2, moving })
 }
 
 fn prior_cost(prior: &Prior, sweep: &Sweep) -> f64 {

@@ -66,9 +66,9 @@ pub struct Measured {
 const MODEL_ERROR: f32 = 0.03;
 
 /// Turns of the light smaller than this change nothing that matters, rad.
-const LEAST_TURN: f32 = 0.06;
+const LEAST_TURN: f32 = 0.1;
 /// Most turns of the light for one candidate.
-const MAX_TURNS: usize = 3;
+const MAX_TURNS: usize = 2;
 
 impl Scene<'_> {
     /// Takes the pixels on and around a sweep into the patch.
@@ -269,6 +269,9 @@ fn in_bounds(sweep: &Sweep) -> bool {
         && sweep.centre.iter().all(|c| c.is_finite())
 }
 
+/// Robust mean square residual, in units of the variance, of a fit that leaves nothing to be explained.
+const GOOD_CHI2: f32 = 1.0;
+
 /// Fits with or without a path, as the pixels want it.
 fn fit_either(patch: &Patch, start: &Sweep, prior: &Prior) -> Option<Fit> {
     let typical = contrasts(patch, start);
@@ -278,6 +281,8 @@ fn fit_either(patch: &Patch, start: &Sweep, prior: &Prior) -> Option<Fit> {
         Some(found) if found.moving && found.sweep.length > 1.0 => Some(found),
         // A path that has shrunk to nothing is none: with none there is less to be determined.
         Some(found) if found.moving => fit(patch, found.sweep, false, prior, &typical).or(Some(found)),
+        // A short path that the pixels do not ask for would only widen the covariance.
+        Some(still) if still.chi2 < GOOD_CHI2 && start.length < 0.45 * start.radius => Some(still),
         Some(still) => {
             let length = (0.6 * start.radius).max(start.length).max(1.5);
             let guess = Sweep { length, angle: start.angle, ..still.sweep };
