@@ -6,10 +6,10 @@ use crate::{CameraConfig, LinkSpeed};
 pub mod endpoints {
     /// Commands.
     pub const CONTROL_OUT: u8 = 0x01;
-    /// Acknowledges.
-    pub const CONTROL_IN: u8 = 0x82;
+    /// Acknowledges. Its number is that of the commands' endpoint: aravis 0.8.26 takes one for both.
+    pub const CONTROL_IN: u8 = 0x81;
     /// Frames.
-    pub const STREAM_IN: u8 = 0x83;
+    pub const STREAM_IN: u8 = 0x82;
 }
 
 /// All descriptors of one camera.
