@@ -68,6 +68,8 @@ enum Command {
     Listen(commands::listen::Args),
     /// Measure kernels, transport and the whole pipeline beside the machine's floors.
     Bench(commands::bench::Args),
+    /// Find what about this machine would break real time, and the cure.
+    Doctor(commands::doctor::Args),
     /// Check a rig file and show what it says.
     Rig(commands::rig::Args),
     /// Compare the triangulation methods, or triangulate given points with each.
@@ -104,6 +106,7 @@ impl Cli {
             Command::Latency(args) => commands::latency::run(&args),
             Command::Listen(args) => commands::listen::run(&args),
             Command::Bench(args) => commands::bench::run(&args),
+            Command::Doctor(args) => commands::doctor::run(&args),
             Command::Rig(args) => commands::rig::run(&args),
             Command::Compare(args) => commands::compare::run(&args),
             Command::Cameras(args) => commands::cameras::run(&args),

@@ -3,6 +3,7 @@
 mod bench;
 mod cli;
 mod commands;
+mod doctor;
 mod exit;
 mod observer;
 mod plot;

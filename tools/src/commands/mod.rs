@@ -6,6 +6,7 @@ pub mod cameras;
 pub mod capture;
 pub mod compare;
 pub mod demo;
+pub mod doctor;
 pub mod import;
 pub mod latency;
 pub mod listen;
