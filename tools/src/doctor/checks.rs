@@ -44,7 +44,12 @@ pub fn memory_needed(rig: &Rig) -> u64 {
 fn processors() -> Finding {
     let what = "processors";
     match thread::available_parallelism().map(std::num::NonZero::get) {
-        Ok(1) => Finding::bad(Grade::Risk, what, "one", "stages wait for each other: use a machine with two or more"),
+        Ok(1) => Finding::bad(
+            Grade::Risk,
+            what,
+            "one",
+            "stages wait for each other: use a machine with two or more",
+        ),
         Ok(n) => Finding::good(what, n.to_string()),
         Err(e) => Finding::bad(Grade::Risk, what, e.to_string(), "let this process see its processors"),
     }
@@ -71,7 +76,8 @@ fn priority(runtime_us: Option<String>) -> Finding {
     let allowed = getrlimit(Resource::RLIMIT_RTPRIO).map_or(0, |(soft, _)| soft);
     let root = nix::unistd::geteuid().is_root();
     if allowed == 0 && !root {
-        let cure = "LimitRTPRIO=99 in the systemd unit, `ulimit -r 99`, or rtprio in /etc/security/limits.conf";
+        let cure =
+            "LimitRTPRIO=99 in the systemd unit, `ulimit -r 99`, or rtprio in /etc/security/limits.conf";
         return Finding::bad(Grade::Risk, what, "not allowed", cure);
     }
     match runtime_us.as_deref() {
@@ -108,7 +114,10 @@ fn usbfs(megabytes: Option<String>) -> Finding {
         Some(found) => Finding::bad(
             Grade::Risk,
             what,
-            found.map_or_else(|e| e.to_string(), |mb| format!("{mb} MB: too little for the frames of USB3 cameras")),
+            found.map_or_else(
+                |e| e.to_string(),
+                |mb| format!("{mb} MB: too little for the frames of USB3 cameras"),
+            ),
             "echo 1000 > /sys/module/usbcore/parameters/usbfs_memory_mb, and usbcore.usbfs_memory_mb=1000 for the kernel",
         ),
     }
