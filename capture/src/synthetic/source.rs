@@ -408,3 +408,88 @@ impl Stand {
         shift.truth.add(&truth, self.camera.index, seen)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use netcord_common::{
+        Counters, DomainName,
+        bus::{Bus, DomainRemains, Topic},
+    };
+
+    use super::*;
+    use crate::synthetic::test_rig;
+
+    /// Runs 60 frames of two cameras with faults; returns the counters and the truths.
+    fn run(name: &str, faults: &[&str], prerendered: Option<usize>) -> (Vec<(String, u64)>, Vec<BallTruth>) {
+        let domain = DomainName::new(format!("{name}-{}", std::process::id())).expect("valid");
+        let truths = truth_domain(&domain).expect("short");
+        let rig = test_rig();
+        let options = SyntheticOptions {
+            rate_hz: Some(100.0),
+            frames: Some(60),
+            faults: faults.iter().map(|f| f.parse().expect("valid")).collect(),
+            prerendered,
+            ..SyntheticOptions::default()
+        };
+        let mut source = SyntheticSource::new(&rig, options).expect("valid");
+        let counters = Counters::new();
+        let done = AtomicBool::new(false);
+        let heard = thread::scope(|scope| {
+            let listening = scope.spawn(|| {
+                let bus = Bus::join(&truths, "test").expect("joined");
+                let truth = bus.subscriber(&Topic::truth()).expect("opened");
+                let mut heard = Vec::new();
+                while !done.load(Ordering::Relaxed) {
+                    truth.wait(Duration::from_millis(5)).expect("waited");
+                    heard.extend(std::iter::from_fn(|| truth.receive().expect("received")));
+                }
+                heard
+            });
+            let bus = Bus::join(&domain, "test").expect("joined");
+            crate::run(&bus, &rig, &mut source, &Shutdown::new(), &counters).expect("runs to its end");
+            done.store(true, Ordering::Relaxed);
+            listening.join().expect("listened")
+        });
+        DomainRemains::of(&domain).remove().expect("removed");
+        DomainRemains::of(&truths).remove().expect("removed");
+        (counters.snapshot(), heard)
+    }
+
+    fn count(counters: &[(String, u64)], name: &str) -> u64 {
+        counters.iter().find(|(n, _)| n == name).unwrap_or_else(|| panic!("no counter {name}")).1
+    }
+
+    #[test]
+    fn faults_are_counted_by_reason_and_every_trigger_gets_a_verdict_and_its_truth() {
+        let (c, truths) = run(
+            "faults",
+            &["drop,camera=left,every=10", "truncate,camera=right,every=15", "duplicate,every=7"],
+            None,
+        );
+        // The last may be gone with their publisher, the first before the listener was there.
+        assert!(truths.len() > 40, "{} truths", truths.len());
+        assert!(truths.windows(2).all(|w| w[1].trigger_id == w[0].trigger_id + 1));
+        let late = count(&c, "lost_overrun");
+        assert_eq!(count(&c, "left/frames_published") + count(&c, "left/frames_lost"), 60);
+        assert_eq!(count(&c, "right/frames_published") + count(&c, "right/frames_lost"), 60);
+        // A busy machine may leave triggers out; those are told apart.
+        assert!((6 - late.min(6)..=6).contains(&count(&c, "lost_dropped")));
+        assert!((4 - late.min(4)..=4).contains(&count(&c, "lost_truncated")));
+        assert!(count(&c, "lost_duplicate") + late >= 10);
+        let verdicts =
+            ["complete", "incomplete", "unsynchronised"].map(|v| count(&c, &format!("framesets_{v}")));
+        assert_eq!(verdicts.iter().sum::<u64>(), 60, "{verdicts:?}");
+        assert!(verdicts[1] >= 8);
+    }
+
+    #[test]
+    fn a_camera_exposed_too_late_is_unsynchronised_and_prerendered_frames_flow() {
+        let (c, truths) = run("desync", &["desync,camera=right,us=1500,every=2"], Some(20));
+        assert!(truths.len() > 40, "{} truths", truths.len());
+        let late = count(&c, "lost_overrun");
+        assert!(count(&c, "framesets_unsynchronised") + late >= 30, "{c:?}");
+        assert!(count(&c, "framesets_complete") + late >= 30, "{c:?}");
+    }
+}

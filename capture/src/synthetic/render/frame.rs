@@ -55,8 +55,8 @@ struct View {
     backdrop: Backdrop,
 }
 
-/// A body that is not the ball. What it adds to the picture is kept and only renewed 25 times a second,
-/// each body's at its own instants: players are large, and slow beside the ball.
+/// A body that is not the ball. What it adds to the picture is kept and only renewed 10 to 50 times a
+/// second, each body's at its own instants: players are large, and slow beside the ball.
 #[derive(Debug, Default)]
 struct Actor {
     /// Which of its instants the layer is of.
@@ -64,9 +64,6 @@ struct Actor {
     outline: Option<Outline>,
     layer: Layer,
 }
-
-/// Time between the renewals of a body, s.
-const RENEWED_S: f64 = 0.04;
 
 /// The ball's path over an exposure is sampled every pixel: with the pixel's and the lens's blur, which
 /// together are never narrower than half a pixel, no ripple of the sampling is left.
@@ -210,11 +207,12 @@ impl FrameRenderer {
         order.clear();
         let count = actors.len();
         for (index, actor) in actors.iter_mut().enumerate() {
-            let offset = RENEWED_S * index as f64 / count as f64;
-            let step = ((t_s + offset) / RENEWED_S).floor();
+            let renewal_s = scene.cast.renewal_s(index);
+            let offset = renewal_s * index as f64 / count as f64;
+            let step = ((t_s + offset) / renewal_s).floor();
             if actor.step != Some(step as i64) {
                 actor.step = Some(step as i64);
-                let body = scene.cast.body(index, step * RENEWED_S - offset, scene.radius_m);
+                let body = scene.cast.body(index, step * renewal_s - offset, scene.radius_m);
                 actor.outline = body.and_then(|body| {
                     let outline = view.outline(&body, scene.blur_px)?;
                     in_frame(&outline.rect, canvas).then_some(outline)
@@ -477,5 +475,140 @@ impl Painter<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Unit};
+
+    use super::*;
+    use crate::synthetic::{
+        FramePool,
+        scene::{Preset, SceneOptions},
+        test_rig,
+    };
+
+    fn renderer(preset: Preset, seed: u64) -> (Arc<Scene>, FrameRenderer) {
+        let rig = test_rig();
+        let options = SceneOptions { preset, seed, ..SceneOptions::default() };
+        let scene = Arc::new(Scene::new(&rig, &options).expect("valid"));
+        let renderer = FrameRenderer::new(&scene, &rig.cameras[0]);
+        (scene, renderer)
+    }
+
+    fn exposure(frame: u64, length_s: f64) -> Exposure {
+        Exposure { frame, mid_s: frame as f64 * 0.01, length_s }
+    }
+
+    #[test]
+    fn a_frame_does_not_depend_on_what_was_rendered_before() {
+        let (_, mut one) = renderer(Preset::Hard, 3);
+        let (_, mut other) = renderer(Preset::Hard, 3);
+        let (width, height) = one.size();
+        let (mut a, mut b) = (vec![0; width * height], vec![1; width * height]);
+        let mut truth = CameraTruth::default();
+        for frame in 0..60 {
+            truth = one.render(&exposure(frame, 0.006), &mut a);
+        }
+        other.render(&exposure(200, 0.006), &mut b);
+        assert_ne!(a, b);
+        assert_eq!(other.render(&exposure(59, 0.006), &mut b), truth);
+        assert_eq!(a, b);
+        let (_, mut another) = renderer(Preset::Hard, 4);
+        another.render(&exposure(59, 0.006), &mut b);
+        assert_ne!(a, b, "another seed, another scene");
+    }
+
+    #[test]
+    fn the_ball_is_painted_where_the_truth_says() {
+        let (scene, mut renderer) = renderer(Preset::Clean, 5);
+        let mut checked = 0;
+        for frame in 0..300 {
+            // No blur: the swept image of a bent way has another centre than its middle.
+            let truth = renderer.truth(&exposure(frame, 1e-6));
+            assert!((0.0..=1.0).contains(&truth.visible));
+            let model = renderer.view.model;
+            let pixel = Vector2::new(truth.u_px, truth.v_px);
+            if truth.visible == 0.0 || !model.contains(&pixel) {
+                continue;
+            }
+            let (mut area, mut moment) = (0.0, Vector2::zeros());
+            for y in renderer.ball_layer.rows() {
+                let (x0, row) = renderer.ball_layer.row(y);
+                for (i, share) in row.iter().enumerate() {
+                    area += f64::from(share.shown);
+                    moment += Vector2::new((x0 + i) as f64, y as f64) * f64::from(share.shown);
+                }
+            }
+            if truth.visible > 0.999 {
+                checked += 1;
+                let ball = renderer.ball_at(frame as f64 * 0.01).expect("visible").state.position;
+                let ball = (&renderer.view.camera_from_world * Point::<World>::from(ball)).coords;
+                // The outline's centre lies outward of the image of the sphere's centre: midway between the
+                // images of the nearest and the farthest tangent.
+                let half = (scene.radius_m / ball.norm()).asin();
+                let axis = Rotation3::from_axis_angle(&Unit::new_normalize(Vector3::z().cross(&ball)), half);
+                let rim = |v: Vector3<f64>| model.project(&Point::from(v)).expect("in view");
+                let centre = (rim(axis * ball) + rim(axis.inverse() * ball)) * 0.5;
+                let off = (moment / area - centre).norm();
+                assert!(off < 0.02, "frame {frame}: off by {off} px");
+                assert!((centre - pixel).norm() < 0.3);
+                let other = Unit::new_normalize(Vector3::z().cross(&ball).cross(&ball));
+                let across = Rotation3::from_axis_angle(&other, half);
+                let long = (rim(axis * ball) - rim(axis.inverse() * ball)).norm();
+                let short = (rim(across * ball) - rim(across.inverse() * ball)).norm();
+                let ellipse = std::f64::consts::FRAC_PI_4 * long * short;
+                assert!((area / ellipse - 1.0).abs() < 0.02, "frame {frame}: {area} px², not {ellipse}");
+            }
+        }
+        assert!(checked > 80, "{checked} frames with the whole ball");
+    }
+
+    #[test]
+    fn blur_is_the_sum_of_instants() {
+        let (_, mut renderer) = renderer(Preset::Clean, 5);
+        let length_s = 0.006;
+        let frame = (20..300)
+            .find(|n| renderer.truth(&exposure(*n, length_s)).visible > 0.999)
+            .expect("a ball in view");
+        let mid_s = exposure(frame, length_s).mid_s;
+        renderer.truth(&exposure(frame, length_s));
+        let mut blurred = std::collections::HashMap::new();
+        for y in renderer.ball_layer.rows() {
+            let (x0, row) = renderer.ball_layer.row(y);
+            row.iter()
+                .enumerate()
+                .for_each(|(i, s)| drop(blurred.insert((x0 + i, y), f64::from(s.coverage))));
+        }
+        let count = 300;
+        for k in 0..count {
+            let t = mid_s + length_s * ((f64::from(k) + 0.5) / f64::from(count) - 0.5);
+            renderer.truth(&Exposure { frame, mid_s: t, length_s: 0.0 });
+            for y in renderer.ball_layer.rows() {
+                let (x0, row) = renderer.ball_layer.row(y);
+                for (i, s) in row.iter().enumerate() {
+                    *blurred.entry((x0 + i, y)).or_default() -= f64::from(s.coverage) / f64::from(count);
+                }
+            }
+        }
+        let worst = blurred.values().fold(0.0_f64, |w, d| w.max(d.abs()));
+        assert!(worst < 0.02, "a pixel's coverage is off by {worst}");
+    }
+
+    #[test]
+    fn a_slot_of_the_pool_holds_one_frame_and_nothing_of_its_last() {
+        let (_, mut renderer) = renderer(Preset::Normal, 2);
+        let (width, height) = renderer.size();
+        let mut pool = FramePool::new(&mut renderer, 40, 0.01, 0.001);
+        let mut used = vec![0; width * height];
+        for n in [3, 17, 39, 45, 12] {
+            pool.write(n, &mut used);
+        }
+        let mut pool = FramePool::new(&mut renderer, 40, 0.01, 0.001);
+        let mut fresh = vec![0; width * height];
+        let truth = pool.write(12 + 40, &mut fresh);
+        assert_eq!(used, fresh);
+        assert_eq!(truth, pool.truth(12));
     }
 }

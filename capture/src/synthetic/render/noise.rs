@@ -90,7 +90,8 @@ impl Developer {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2, as was just asked.
-            unsafe { row_avx2(&self.tangents, means, gain, noise, out) };
+            let done = unsafe { avx2::row(&self.tangents, means, gain, noise, out) };
+            row(&self.tangents, &means[done..], gain, &noise[done..], &mut out[done..]);
             return;
         }
         row(&self.tangents, means, gain, noise, out);
@@ -98,12 +99,29 @@ impl Developer {
 
     /// As [`Self::row`], for means that are not whole grey values.
     pub fn fine_row(&self, means: &[f32], noise: &[i16], out: &mut [u8]) {
-        for ((mean, noise), out) in means.iter().zip(noise).zip(out) {
-            let level = (mean * LEVEL as f32 + 0.5).clamp(0.0, 4095.0) as u16;
-            *out = develop(&self.tangents, level, *noise);
+        let rows = means.chunks(CHUNK).zip(noise.chunks(CHUNK)).zip(out.chunks_mut(CHUNK));
+        for ((means, noise), out) in rows {
+            let mut levels = [0_u16; CHUNK];
+            for (level, mean) in levels.iter_mut().zip(means) {
+                *level = (mean * LEVEL as f32 + 0.5).clamp(0.0, 4095.0) as i32 as u16;
+            }
+            #[cfg(target_arch = "x86_64")]
+            if let (Ok(noise), Ok(out)) = (noise.try_into(), <&mut [u8; CHUNK]>::try_from(&mut *out))
+                && std::arch::is_x86_feature_detected!("avx2")
+            {
+                // SAFETY: the processor has AVX2, as was just asked.
+                unsafe { avx2::levels(&self.tangents, &levels, noise, out) };
+                continue;
+            }
+            for ((level, noise), out) in levels.iter().zip(noise).zip(out) {
+                *out = develop(&self.tangents, *level, *noise);
+            }
         }
     }
 }
+
+/// Pixels that are developed at a time.
+const CHUNK: usize = 16;
 
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014): neighbouring inputs give unrelated outputs.
 pub fn hash(x: u64) -> u64 {
@@ -113,7 +131,7 @@ pub fn hash(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-#[inline(always)]
+#[inline]
 fn develop(tangents: &[Tangent; TOUCHED.len()], level: u16, noise: i16) -> u8 {
     let mut sigma = u16::MAX;
     for tangent in tangents {
@@ -127,7 +145,6 @@ fn develop(tangents: &[Tangent; TOUCHED.len()], level: u16, noise: i16) -> u8 {
     value.clamp(0, 255) as u8
 }
 
-#[inline(always)]
 fn row(tangents: &[Tangent; TOUCHED.len()], means: &[u8], gain: u16, noise: &[i16], out: &mut [u8]) {
     for ((mean, noise), out) in means.iter().zip(noise).zip(out) {
         let level = u16::from(*mean).wrapping_mul(gain) >> 4;
@@ -135,11 +152,89 @@ fn row(tangents: &[Tangent; TOUCHED.len()], means: &[u8], gain: u16, noise: &[i1
     }
 }
 
-/// [`row`], compiled for AVX2.
+/// The same with AVX2, sixteen pixels at a time: left to itself the compiler widens the products with the
+/// slopes to 32 bits, which takes three times as long.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn row_avx2(tangents: &[Tangent; TOUCHED.len()], means: &[u8], gain: u16, noise: &[i16], out: &mut [u8]) {
-    row(tangents, means, gain, noise, out);
+mod avx2 {
+    use std::arch::x86_64::{
+        __m128i, __m256i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi16, _mm256_castsi256_si128,
+        _mm256_cvtepu8_epi16, _mm256_loadu_si256, _mm256_min_epu16, _mm256_mulhi_epi16, _mm256_mulhi_epu16,
+        _mm256_mullo_epi16, _mm256_packus_epi16, _mm256_permute4x64_epi64, _mm256_set1_epi16,
+        _mm256_srai_epi16, _mm256_srli_epi16,
+    };
+
+    use super::{CHUNK, TOUCHED, Tangent};
+
+    type Lines = [(__m256i, __m256i); TOUCHED.len()];
+
+    #[target_feature(enable = "avx2")]
+    fn all(v: u16) -> __m256i {
+        _mm256_set1_epi16(v.cast_signed())
+    }
+
+    #[target_feature(enable = "avx2")]
+    fn lines(tangents: &[Tangent; TOUCHED.len()]) -> Lines {
+        let mut lines = [(all(0), all(0)); TOUCHED.len()];
+        for (line, t) in lines.iter_mut().zip(tangents) {
+            *line = (all(t.offset), all(t.slope));
+        }
+        lines
+    }
+
+    /// [`super::develop`] for sixteen pixels.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn develop(lines: &Lines, level: __m256i, noise: __m256i) -> __m128i {
+        let mut sigma = _mm256_set1_epi16(i16::MAX);
+        for (offset, slope) in lines {
+            let tangent = _mm256_add_epi16(*offset, _mm256_mulhi_epu16(*slope, level));
+            sigma = _mm256_min_epu16(sigma, tangent);
+        }
+        let noisy = _mm256_add_epi16(level, _mm256_mulhi_epi16(sigma, noise));
+        let value = _mm256_srai_epi16::<4>(_mm256_add_epi16(noisy, all(8)));
+        // Packing works on each half by itself: the two quarters that count are brought together.
+        _mm256_castsi256_si128(_mm256_permute4x64_epi64::<0b1000>(_mm256_packus_epi16(value, value)))
+    }
+
+    /// Whole chunks of a row; returns how many pixels they were.
+    #[target_feature(enable = "avx2")]
+    pub fn row(
+        tangents: &[Tangent; TOUCHED.len()],
+        means: &[u8],
+        gain: u16,
+        noise: &[i16],
+        out: &mut [u8],
+    ) -> usize {
+        let (gains, lines) = (all(gain), lines(tangents));
+        let chunks = means.as_chunks::<CHUNK>().0.iter().zip(noise.as_chunks::<CHUNK>().0);
+        let mut done = 0;
+        for ((mean, noise), out) in chunks.zip(out.as_chunks_mut::<CHUNK>().0) {
+            // SAFETY: both are arrays of sixteen, and the loads ask for no alignment.
+            let (mean, noise) =
+                unsafe { (_mm_loadu_si128(mean.as_ptr().cast()), _mm256_loadu_si256(noise.as_ptr().cast())) };
+            let level = _mm256_srli_epi16::<4>(_mm256_mullo_epi16(_mm256_cvtepu8_epi16(mean), gains));
+            // SAFETY: an array of sixteen bytes; the store asks for no alignment.
+            unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), develop(&lines, level, noise)) };
+            done += CHUNK;
+        }
+        done
+    }
+
+    /// One chunk of levels.
+    #[target_feature(enable = "avx2")]
+    pub fn levels(
+        tangents: &[Tangent; TOUCHED.len()],
+        levels: &[u16; CHUNK],
+        noise: &[i16; CHUNK],
+        out: &mut [u8; CHUNK],
+    ) {
+        // SAFETY: both are arrays of sixteen, and the loads ask for no alignment.
+        let (level, noise) = unsafe {
+            (_mm256_loadu_si256(levels.as_ptr().cast()), _mm256_loadu_si256(noise.as_ptr().cast()))
+        };
+        // SAFETY: an array of sixteen bytes; the store asks for no alignment.
+        unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), develop(&lines(tangents), level, noise)) };
+    }
 }
 
 #[cfg(test)]

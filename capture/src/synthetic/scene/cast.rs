@@ -113,6 +113,16 @@ impl Cast {
         self.decoys.len() + self.players.len() * PLAYER_BODIES
     }
 
+    /// How often the picture of body `index` must be renewed, s: hips, chests and heads are large, and move
+    /// less than a pixel or two in this time.
+    pub fn renewal_s(&self, index: usize) -> f64 {
+        match index.checked_sub(self.decoys.len()) {
+            None => 0.02,
+            Some(part) if part % PLAYER_BODIES < 3 => 0.10,
+            Some(_) => 0.04,
+        }
+    }
+
     /// Body `index` as it is at `t_s`; `radius_m` is the balls'.
     pub fn body(&self, index: usize, t_s: f64, radius_m: f64) -> Option<Body> {
         let (mut found, mut i) = (None, 0);
