@@ -33,7 +33,7 @@ fn seen(rig: &Rig, camera: usize, trigger_id: u64, scope: Scope) -> Detections {
             v_px: pixel.y,
             covariance_px2: [0.04, 0.0, 0.04],
             score: 0.9 - 0.1 * i as f64,
-            flags: if trigger_id % 2 == 0 { DetectionFlags::SPHERE_CORRECTED } else { 0 },
+            flags: if trigger_id.is_multiple_of(2) { DetectionFlags::SPHERE_CORRECTED } else { 0 },
             ..Detection::default()
         });
     }

@@ -214,19 +214,18 @@ impl Matcher {
         let due = slot.seen() != 0 && now_ns >= slot.last_arrival_ns.saturating_add(self.patience_ns);
         let forced = slot.unsynchronised && self.cameras.count_ones() == 2;
         let complete = slot.has_full & expected == expected;
-        if !slot.windows_tried && !forced {
-            if slot.has_window != 0 && !complete && slot.seen() & self.cameras == self.cameras {
-                slot.windows_tried = true;
-                // A full search that is there already replaces its camera's window.
-                let triangulator = &mut self.triangulator;
-                let (full, window) = (slot.has_full, slot.has_window);
-                let position = slot.with_messages(full, window, |d| triangulator.process_windows(d));
-                if let Some(mut position) = position {
-                    position.stamps.triangulate_start_ns = now_ns;
-                    slot.published = true;
-                    self.counts.from_windows += 1;
-                    return Some(Some(position));
-                }
+        let windows = slot.has_window != 0 && slot.seen() & self.cameras == self.cameras;
+        if windows && !complete && !slot.windows_tried && !forced {
+            slot.windows_tried = true;
+            // A full search that is there already replaces its camera's window.
+            let triangulator = &mut self.triangulator;
+            let (full, window) = (slot.has_full, slot.has_window);
+            let position = slot.with_messages(full, window, |d| triangulator.process_windows(d));
+            if let Some(mut position) = position {
+                position.stamps.triangulate_start_ns = now_ns;
+                slot.published = true;
+                self.counts.from_windows += 1;
+                return Some(Some(position));
             }
         }
         if !(complete || due) {

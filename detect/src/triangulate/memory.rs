@@ -69,7 +69,7 @@ pub(super) enum Rest {
     /// Nothing: it moves, or has not been seen for long enough.
     Unknown,
     /// It has not moved.
-    AtRest,
+    Still,
     /// It has not moved while the ball was in flight elsewhere.
     LookAlike,
 }
@@ -100,10 +100,9 @@ impl Memory {
         /// Chance that the track was not the ball.
         const WRONG: f64 = 0.02;
         let Some((last_ns, last)) = self.recent().last() else { return 0.0 };
-        let age_ns = t_ns.saturating_sub(*last_ns);
-        if age_ns > TRACK_MEMORY_NS {
+        let Some(age_ns) = age_ns(t_ns, *last_ns).filter(|age| *age <= TRACK_MEMORY_NS) else {
             return 0.0;
-        }
+        };
         let dt = age_ns as f64 * 1e-9;
         let mut density = WRONG / HALL_M3;
         density += HIT * gaussian((point - last).norm_squared(), 0.05 + 0.4 * TOP_SPEED_M_S * dt);
@@ -118,9 +117,7 @@ impl Memory {
     /// Where the ball should be at `t_ns`, at constant velocity under gravity.
     pub fn predict(&self, t_ns: u64) -> Option<Vector3<f64>> {
         let (last_ns, last) = self.recent().last()?;
-        if t_ns.saturating_sub(*last_ns) > TRACK_MEMORY_NS {
-            return None;
-        }
+        let age_ns = age_ns(t_ns, *last_ns).filter(|age| *age <= TRACK_MEMORY_NS)?;
         // Least squares for p and v at the last instant, of p + v t + g t²/2.
         let (mut n, mut st, mut stt) = (0.0, 0.0, 0.0);
         let (mut sp, mut stp) = (Vector3::zeros(), Vector3::zeros());
@@ -139,8 +136,7 @@ impl Memory {
         }
         let velocity = (stp * n - sp * st) / determinant;
         let start = (sp - velocity * st) / n + last;
-        // Signed: the trigger of the last point may be looked at again, by another camera's stamp.
-        let t = t_ns.wrapping_sub(*last_ns).cast_signed() as f64 * 1e-9;
+        let t = age_ns as f64 * 1e-9;
         Some(start + velocity * t + self.gravity * (0.5 * t * t))
     }
 
@@ -171,7 +167,7 @@ impl Memory {
     pub fn rest(&self, t_ns: u64, point: &Vector3<f64>) -> Rest {
         match self.spot(t_ns, point).map(|i| &self.spots[i]) {
             Some(spot) if spot.rests() && spot.beside_ball => Rest::LookAlike,
-            Some(spot) if spot.rests() => Rest::AtRest,
+            Some(spot) if spot.rests() => Rest::Still,
             _ => Rest::Unknown,
         }
     }
@@ -179,7 +175,7 @@ impl Memory {
     fn spot(&self, t_ns: u64, point: &Vector3<f64>) -> Option<usize> {
         self.spots.iter().position(|s| {
             s.sightings > 0
-                && t_ns.saturating_sub(s.last_ns) <= SPOT_MEMORY_NS
+                && age_ns(t_ns, s.last_ns).is_some_and(|age| age <= SPOT_MEMORY_NS)
                 && (s.anchor - point).norm_squared() <= SPOT_RADIUS_M * SPOT_RADIUS_M
         })
     }
@@ -197,10 +193,20 @@ impl Memory {
             return;
         }
         // What flies leaves a new spot in each frame: the one that was not seen for longest goes.
-        let oldest = self.spots.iter().enumerate().min_by_key(|(_, s)| s.last_ns).map_or(0, |(i, _)| i);
+        // One from the future is of an earlier round of a loop.
+        let age = |s: &Spot| age_ns(t_ns, s.last_ns).unwrap_or(u64::MAX);
+        let oldest = self.spots.iter().enumerate().max_by_key(|(_, s)| age(s)).map_or(0, |(i, _)| i);
         self.spots[oldest] =
             Spot { anchor: *point, first_ns: t_ns, last_ns: t_ns, sightings: 1, beside_ball: false };
     }
+}
+
+/// Time from `then` to `now`, zero where `now` is another camera's exposure of the same trigger; `None`
+/// where time has gone back, as in a recording that is played in a loop: then nothing is known.
+fn age_ns(now: u64, then: u64) -> Option<u64> {
+    /// More than the exposures of one trigger lie apart, less than a loop of any recording.
+    const SKEW_NS: u64 = 50_000_000;
+    now.checked_sub(then).or_else(|| (then - now <= SKEW_NS).then_some(0))
 }
 
 /// Density of an isotropic normal distribution in space at a squared distance.
@@ -234,6 +240,11 @@ mod tests {
         let far = memory.log_prior(next, &(thrown(next) + Vector3::new(2.0, 0.0, 0.0)));
         assert!(near > 8.0 && near > hit && hit > 0.0 && far < -3.0, "{near} {hit} {far}");
         assert_eq!(memory.log_prior(next + 300_000_000, &thrown(0)), 0.0);
+        memory.follow(next, thrown(next));
+        assert!(memory.predict(next - 1_000_000).is_some(), "another camera's exposure of the same trigger");
+        assert_eq!((memory.log_prior(0, &thrown(0)), memory.predict(0)), (0.0, None), "back in time");
+        memory.follow(0, thrown(0));
+        assert!(memory.log_prior(FRAME_NS, &thrown(FRAME_NS)) > 0.0, "a new track from there");
     }
 
     #[test]
@@ -246,7 +257,7 @@ mod tests {
             if i < 25 {
                 assert_eq!(memory.rest(t, &(lamp + noise)), Rest::Unknown, "frame {i}");
             } else if (35..50).contains(&i) {
-                assert_eq!(memory.rest(t, &(lamp + noise)), Rest::AtRest, "frame {i}");
+                assert_eq!(memory.rest(t, &(lamp + noise)), Rest::Still, "frame {i}");
             } else if i > 60 {
                 assert_eq!(memory.rest(t, &(lamp + noise)), Rest::LookAlike, "frame {i}");
             }

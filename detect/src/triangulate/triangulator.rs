@@ -308,7 +308,7 @@ impl Triangulator {
             }
             *rest = memory.rest(t_ns, &point);
             if *rest == Rest::Unknown && resting == subset.views {
-                *rest = Rest::AtRest;
+                *rest = Rest::Still;
             } else if *rest == Rest::Unknown {
                 // The ball may come straight at one camera; a thing at rest paired with a moving one by
                 // chance is the likelier reason.
@@ -321,7 +321,7 @@ impl Triangulator {
     fn best(&self) -> Option<Hypothesis> {
         let order = |h: &Hypothesis| match h.rest {
             Rest::Unknown => 2,
-            Rest::AtRest => 1,
+            Rest::Still => 1,
             Rest::LookAlike => 0,
         };
         self.hypotheses

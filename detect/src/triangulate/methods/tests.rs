@@ -190,8 +190,8 @@ fn chi2_and_residuals_are_what_is_left_over() {
     let estimate = Reprojection.estimate(&posed, &seen).expect("visible");
     let left: Vec<_> =
         (0..3).map(|i| (seen[i].pixel - plain[i].pixel(&estimate.point.coords)).norm()).collect();
-    for i in 0..3 {
-        assert!((estimate.residual_by_camera_px[i] - left[i]).abs() < 1e-9);
+    for (found, expected) in estimate.residual_by_camera_px.iter().zip(&left) {
+        assert!((found - expected).abs() < 1e-9);
     }
     let squares: f64 = left.iter().map(|e| e * e).sum();
     assert!((estimate.residual_px - (squares / 3.0).sqrt()).abs() < 1e-9);
