@@ -4,6 +4,8 @@ use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use netcord_capture::{
     FrameSource,
+    recording::Footage,
+    replay::{Pace, ReplayOptions, ReplaySource},
     synthetic::{
         Fault, SyntheticOptions, SyntheticSource,
         scene::{Preset, SceneOptions},
@@ -16,7 +18,7 @@ use super::RigArgs;
 use crate::{exit::CommandResult, stage};
 
 /// Publishes the frames of all cameras on camera/<name>/frame and the verdict on each trigger on rig/frameset,
-/// from a synthetic scene. Its truth travels in a domain of its own, <domain>-truth.
+/// from a synthetic scene or a recording. The scene's truth travels in a domain of its own, <domain>-truth.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -29,6 +31,19 @@ pub struct Args {
     /// Frames in flight of each camera on USB, 1 to 7.
     #[arg(long, value_name = "N", default_value_t = 4)]
     depth: usize,
+
+    /// The recording to be replayed, with --source replay: MCAP with foxglove.RawImage on /camera/<name>/image.
+    #[arg(long, value_name = "IN.mcap", required_if_eq("source", "replay"))]
+    recording: Option<PathBuf>,
+
+    /// How fast a recording is replayed: recorded, a factor such as 0.5 or 4, or readers (as fast as the segmenter takes
+    /// the frames).
+    #[arg(long, value_name = "PACE", default_value = "recorded")]
+    pace: Pace,
+
+    /// Begin the recording again at its end.
+    #[arg(long = "loop")]
+    repeat: bool,
 
     #[command(flatten)]
     scene: SceneArgs,
@@ -64,6 +79,8 @@ pub enum SourceKind {
     Synthetic,
     /// The rig's USB3 Vision cameras, by the serial numbers of its file.
     Usb,
+    /// A recording, given with --recording.
+    Replay,
 }
 
 /// What a synthetic scene shows.
@@ -116,6 +133,11 @@ fn source(
     if args.source == SourceKind::Usb {
         let options = UsbOptions { depth: args.depth, ..UsbOptions::default() };
         return Ok(Box::new(UsbSource::new(rig, options, counters)?));
+    }
+    if let (SourceKind::Replay, Some(recording)) = (args.source, &args.recording) {
+        let footage = Arc::new(Footage::open(recording)?);
+        let options = ReplayOptions { pace: args.pace, repeat: args.repeat };
+        return Ok(Box::new(ReplaySource::new(footage, rig, options)?));
     }
     let options = SyntheticOptions {
         scene: args.scene.options(),

@@ -8,5 +8,5 @@ mod topics;
 
 pub use annotations::annotations;
 pub use scene::{Scene, world_frame_id};
-pub use schemas::{bytes_of, foxglove_schema, netcord_schema};
+pub use schemas::{bytes_of, foxglove_schema};
 pub use topics::{RigTopics, Wanted};

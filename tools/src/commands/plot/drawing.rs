@@ -87,11 +87,11 @@ impl Painter for Drawing<'_> {
             let (upper, lower) = area.split_vertically(1000);
             (upper, Some(lower))
         };
-        let (left, right) = upper.split_horizontally((70).percent_width());
-        let parts = left.split_evenly((2, 1));
+        let parts = upper.split_evenly((2, 2));
         self.view(&parts[0], View::Above)?;
-        self.view(&parts[1], View::Side)?;
-        self.view_and_legend(&right)?;
+        self.view(&parts[1], View::Perspective)?;
+        self.view(&parts[2], View::Side)?;
+        legend(&parts[3])?;
         match lower {
             Some(lower) => self.errors(&lower),
             None => Ok(()),
@@ -100,23 +100,6 @@ impl Painter for Drawing<'_> {
 }
 
 impl Drawing<'_> {
-    fn view_and_legend<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
-        let (picture, legend) = area.split_vertically((60).percent_height());
-        self.view(&picture, View::Perspective)?;
-        let entries = [
-            ("measured", FOUND),
-            ("truth", TRUE),
-            ("predicted, paler where less sure", PREDICTED),
-            ("landing point", LANDING),
-        ];
-        for (place, (text, colour)) in (0..).zip(entries) {
-            let y = 20 + 30 * place;
-            legend.draw(&Circle::new((30, y), 5, colour.filled()))?;
-            legend.draw(&Text::new(text, (48, y - 9), (FONT, 18)))?;
-        }
-        Ok(())
-    }
-
     fn view<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, view: View) -> Result<(), Failed<B>> {
         let found = self.content.positions.iter().map(|p| view.project(p.position_m)).collect::<Vec<_>>();
         let truth = self.content.truth.values().map(|p| view.project(*p)).collect::<Vec<_>>();
@@ -177,6 +160,22 @@ impl Drawing<'_> {
         chart.draw_series(errors.iter().map(|p| Circle::new(*p, 2, FOUND.filled())))?;
         Ok(())
     }
+}
+
+/// What the colours mean.
+fn legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
+    let entries = [
+        ("measured", FOUND),
+        ("truth", TRUE),
+        ("predicted, paler where less sure", PREDICTED),
+        ("predicted landing point", LANDING),
+    ];
+    for (place, (text, colour)) in (0..).zip(entries) {
+        let y = 60 + 30 * place;
+        area.draw(&Circle::new((60, y), 5, colour.filled()))?;
+        area.draw(&Text::new(text, (78, y - 9), (FONT, 18)))?;
+    }
+    Ok(())
 }
 
 /// Table, centre line and net.

@@ -166,18 +166,16 @@ impl Gather {
         println!(
             "{}: {} frames, {} messages, {:.1} MB",
             out.display(),
-            self.frames.get() - stored.frames_given_up,
+            self.frames.get(),
             self.messages.get(),
             stored.bytes as f64 * 1e-6
         );
         let (frames, messages) = (self.lost_frames.get(), self.lost_messages.get());
         if let Some(why) = &stored.failed {
-            eprintln!(
-                "netcord: recording ended early: {why}. {} is valid and holds all but the last {} messages that \
-                 had been gathered",
-                out.display(),
-                stored.messages_given_up
-            );
+            eprintln!("netcord: recording ended early: {why}. {} is valid up to there", out.display());
+            if stored.messages_given_up > 0 {
+                eprintln!("netcord: its last {} messages made room for the index", stored.messages_given_up);
+            }
         }
         if frames + messages > 0 {
             eprintln!(

@@ -73,7 +73,6 @@ pub(super) struct Stored {
     /// Why recording ended before it was told to.
     pub(super) failed: Option<String>,
     pub(super) messages_given_up: u64,
-    pub(super) frames_given_up: u64,
 }
 
 /// Writes on a thread of its own, so that the disk makes nobody wait.
@@ -222,7 +221,7 @@ impl Keeper {
             return Ok(Stored { bytes, ..Stored::default() });
         };
         let messages_given_up = writer.finish_without_space()?;
-        Ok(Stored { bytes, failed: Some(e.to_string()), messages_given_up, frames_given_up: 0 })
+        Ok(Stored { bytes, failed: Some(e.to_string()), messages_given_up })
     }
 }
 

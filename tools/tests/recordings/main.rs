@@ -1,0 +1,121 @@
+//! `netcord process`, `recover` and `plot` as their users run them: real processes, real files.
+
+mod filming;
+mod mistakes;
+mod python;
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+use filming::{Film, Shot};
+
+/// Runs the `netcord` of this very tree.
+fn netcord(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_netcord"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("netcord starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Rows of a CSV file, without its header line.
+fn rows(path: &Path) -> Vec<Vec<String>> {
+    let text = std::fs::read_to_string(path).expect("the table is there");
+    text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+#[test]
+fn positions_are_where_the_ball_was_at_the_images_own_stamps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let film = Film::new(24);
+    film.write(&folder.path().join("in.mcap"), &Shot::default());
+    let out = netcord(folder.path(), &["process", "in.mcap", "--positions", "p.csv", "--report", "r.json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let rows = rows(&folder.path().join("p.csv"));
+    assert!(rows.len() >= 18, "{} positions of 20", rows.len());
+    for row in &rows {
+        let t_ns: u64 = row[0].parse().expect("a stamp");
+        let truth = film.ball_at(t_ns).expect("a ball at an image's stamp");
+        let found = [1, 2, 3].map(|i| row[i].parse::<f64>().expect("a number"));
+        let error = found.iter().zip(truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        // The discs are 6 to 9 px wide: half a pixel is 3 mm there.
+        assert!(error < 0.004, "{error} m off at {t_ns}");
+        assert_eq!((row[8].as_str(), row[9].as_str()), ("2", "robust"));
+    }
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).expect("written")).expect("JSON");
+    assert_eq!(report["frames"]["published"], 48);
+    assert!(report["recall"].as_f64().expect("the film has a truth") >= 0.9, "{report}");
+}
+
+#[test]
+fn the_same_recording_gives_the_same_bytes_on_one_thread_and_on_many() {
+    let folder = tempfile::tempdir().expect("a folder");
+    Film::new(16).write(&folder.path().join("in.mcap"), &Shot { dropped: vec![(1, 9)], ..Shot::default() });
+    for threads in ["1", "2"] {
+        let names = ["out.mcap", "p.csv", "d.csv", "q.csv", "r.json"].map(|name| format!("{threads}-{name}"));
+        let [out, p, d, q, r] = &names;
+        let arguments = ["process", "in.mcap", "--threads", threads, "--out", out, "--positions", p]
+            .into_iter()
+            .chain(["--detections", d, "--predictions", q, "--report", r, "--warm-up", "4"])
+            .collect::<Vec<_>>();
+        let output = netcord(folder.path(), &arguments);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    for name in ["out.mcap", "p.csv", "d.csv", "q.csv", "r.json"] {
+        let read = |threads| std::fs::read(folder.path().join(format!("{threads}-{name}"))).expect("written");
+        assert!(read("1") == read("2"), "{name} differs");
+    }
+    // What was written is a recording in its turn, with the same results.
+    let again =
+        netcord(folder.path(), &["process", "1-out.mcap", "--positions", "again.csv", "--warm-up", "4"]);
+    assert!(again.status.success(), "{}", text(&again.stderr));
+    let read = |name| std::fs::read_to_string(folder.path().join(name)).expect("written");
+    assert_eq!(read("again.csv"), read("1-p.csv"));
+}
+
+#[test]
+fn a_recording_that_was_cut_off_gives_what_is_whole_and_is_recovered() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    Film::new(16).write(&path("whole.mcap"), &Shot::default());
+    let bytes = std::fs::read(path("whole.mcap")).expect("written");
+    std::fs::write(path("cut.mcap"), &bytes[..bytes.len() * 3 / 4]).expect("written");
+    let out = netcord(folder.path(), &["process", "cut.mcap", "--positions", "cut.csv"]);
+    assert_eq!(out.status.code(), Some(1), "done, but something was missed: {}", text(&out.stderr));
+    assert!(text(&out.stderr).contains("truncated at byte"), "{}", text(&out.stderr));
+    let cut = rows(&path("cut.csv"));
+    assert!(cut.len() >= 6, "{} positions", cut.len());
+
+    let out = netcord(folder.path(), &["recover", "cut.mcap", "saved.mcap"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let saved = std::fs::read(path("saved.mcap")).expect("written");
+    // Read by another reader, through the new index.
+    let summary = mcap::Summary::read(&saved).expect("valid").expect("there");
+    let counted = summary.stats.expect("there").message_count;
+    let read = mcap::MessageStream::new(&saved).expect("valid").filter(|m| m.is_ok()).count();
+    assert_eq!(counted, read as u64);
+    let out = netcord(folder.path(), &["process", "saved.mcap", "--positions", "saved.csv"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    assert_eq!(rows(&path("saved.csv")), cut);
+}
+
+#[test]
+fn a_recording_becomes_a_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    Film::new(16).write(&folder.path().join("in.mcap"), &Shot::default());
+    netcord(folder.path(), &["process", "in.mcap", "--out", "out.mcap"]);
+    for picture in ["out.png", "out.svg"] {
+        let out = netcord(folder.path(), &["plot", "out.mcap", "--out", picture]);
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        assert!(std::fs::metadata(folder.path().join(picture)).expect("written").len() > 10_000);
+    }
+    let out = netcord(folder.path(), &["plot", "in.mcap", "--out", "none.png", "--at", "0.1"]);
+    assert!(out.status.success(), "the truth alone can be drawn: {}", text(&out.stderr));
+}
