@@ -577,9 +577,9 @@ mod tests {
         let mut blurred = std::collections::HashMap::new();
         for y in renderer.ball_layer.rows() {
             let (x0, row) = renderer.ball_layer.row(y);
-            row.iter()
-                .enumerate()
-                .for_each(|(i, s)| drop(blurred.insert((x0 + i, y), f64::from(s.coverage))));
+            row.iter().enumerate().for_each(|(i, s)| {
+                blurred.insert((x0 + i, y), f64::from(s.coverage));
+            });
         }
         let count = 300;
         for k in 0..count {
