@@ -247,7 +247,7 @@ impl CalibrationBoard {
     /// Whether square (x, y), counted from the outer corner, is black (before any inversion).
     pub fn is_black_square(&self, x: usize, y: usize) -> bool {
         match &self.pattern {
-            Pattern::Chessboard { .. } => (x + y) % 2 == 0,
+            Pattern::Chessboard { .. } => (x + y).is_multiple_of(2),
             Pattern::ArucoGrid { .. } => false,
             Pattern::Charuco { rows, legacy, .. } => (x + y) % 2 == usize::from(*legacy && rows % 2 == 0),
         }

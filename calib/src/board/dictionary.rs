@@ -178,7 +178,7 @@ impl Dictionary {
                 let errors = (marker ^ turned).count_ones();
                 if errors <= max_errors {
                     let better = best.is_none_or(|b| errors < b.errors);
-                    tie = !better && best.is_some_and(|b| errors == b.errors) || tie && !better;
+                    tie = !better && (tie || best.is_some_and(|b| errors == b.errors));
                     if better {
                         best = Some(Reading { id, turns, errors });
                     }

@@ -302,7 +302,8 @@ impl Camera {
         let endpoint = self.endpoints.stream;
         let timeout = Duration::from_millis(500);
         let usb = |doing| move |cause| CameraError::Usb { doing, cause };
-        match self.handle.write_control(
+        // Optional for devices, so that other errors pass; clearing is what counts.
+        if let Err(cause @ rusb::Error::NoDevice) = self.handle.write_control(
             RECIPIENT_ENDPOINT,
             SET_FEATURE,
             ENDPOINT_HALT,
@@ -310,11 +311,7 @@ impl Camera {
             &[],
             timeout,
         ) {
-            Err(cause @ rusb::Error::NoDevice) => {
-                return Err(CameraError::Usb { doing: "halting its stream endpoint", cause });
-            }
-            // Optional for devices; clearing is what counts.
-            _ => {}
+            return Err(CameraError::Usb { doing: "halting its stream endpoint", cause });
         }
         self.handle.clear_halt(endpoint).map_err(usb("clearing its stream endpoint"))?;
         self.sirm.write_sizes(&mut self.channel, &plan.sizes)?;

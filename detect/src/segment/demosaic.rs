@@ -61,8 +61,8 @@ impl Demosaic {
                     let (across, along) = (left.abs_diff(right), up.abs_diff(down));
                     let mean = match self.input {
                         // Along the edge, if there is one (Laroche & Prescott 1994).
-                        InputMode::EdgeAware if across > along => (up + down + 1) / 2,
-                        InputMode::EdgeAware if along > across => (left + right + 1) / 2,
+                        InputMode::EdgeAware if across > along => (up + down).div_ceil(2),
+                        InputMode::EdgeAware if along > across => (left + right).div_ceil(2),
                         _ => (left + right + up + down + 2) / 4,
                     };
                     mean as u8

@@ -225,7 +225,6 @@ impl Watcher {
     }
 
     /// Counts a frame that cannot be searched; says so for the first one only.
-
     fn complain(&mut self, header: &FrameHeader, why: &Refused) {
         self.tally.refused.up();
         if !self.complained {

@@ -51,7 +51,7 @@ pub fn measure_kernels(
         let (header, bytes, truth) = ring.frame(n, interval_ns);
         let view = FrameView::of(&header, bytes)?;
         // Every other lap is searched with windows, so that both are measured by themselves.
-        let window = (n / ring.len() % 2 == 0 && truth.visible > 0.9).then(|| SearchWindow {
+        let window = ((n / ring.len()).is_multiple_of(2) && truth.visible > 0.9).then(|| SearchWindow {
             mid_exposure_ns: header.stamps.mid_exposure_ns,
             x0_px: truth.u_px - HALF_WINDOW_PX,
             y0_px: truth.v_px - HALF_WINDOW_PX,

@@ -79,7 +79,7 @@ impl Judge {
         let mut inside =
             self.truths.iter().filter(|(_, t)| (from_ns..to_ns).contains(&t.t_ns)).map(|(id, _)| *id);
         let first = inside.next()?;
-        Some((first, inside.last().unwrap_or(first)))
+        Some((first, inside.next_back().unwrap_or(first)))
     }
 
     /// Judges the triggers `first` to `last`.

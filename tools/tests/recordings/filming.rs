@@ -68,7 +68,7 @@ impl Film {
     /// Where the ball is at an image's stamp, m.
     pub fn ball_at(&self, t_ns: u64) -> Option<[f64; 3]> {
         let n = (t_ns - FIRST_NS) / INTERVAL_NS;
-        ((t_ns - FIRST_NS) % INTERVAL_NS == 0 && (EMPTY..self.images).contains(&n)).then(|| {
+        ((t_ns - FIRST_NS).is_multiple_of(INTERVAL_NS) && (EMPTY..self.images).contains(&n)).then(|| {
             let s = n as f64 * 0.01;
             [0.1 + 0.5 * s, -0.9 + 3.5 * s, 0.35 + 1.6 * s - 4.9 * s * s]
         })

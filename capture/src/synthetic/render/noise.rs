@@ -69,7 +69,7 @@ impl Developer {
                 slope: fixed(slope * SIGMA / LEVEL * 65536.0),
             }
         });
-        let mut random = Pcg64::seed_from_u64(seed ^ 0x6e6f_6973_65);
+        let mut random = Pcg64::seed_from_u64(seed ^ 0x6e_6f69_7365);
         let table = (0..TABLE + MAX_ROW)
             .map(|_| {
                 let sample: f64 = StandardNormal.sample(&mut random);

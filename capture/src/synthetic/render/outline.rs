@@ -110,8 +110,7 @@ impl Outline {
         let a = &self.to_unit;
         let direction = a * Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
         let (dd, dc) = (direction.norm_squared(), direction.dot(&self.centre));
-        // Written so that a ray that is not a number is refused too.
-        if !(dc > 0.0) {
+        if dc <= 0.0 || dc.is_nan() {
             return None;
         }
         let h = dc * dc / dd - self.beyond;

@@ -311,7 +311,7 @@ impl Loader<'_, '_> {
         if let Some(constant) = children(element, "Constant").find(named).and_then(number) {
             return Variable::Operand(Operand::Constant(constant));
         }
-        if let Some(place) = expressions.iter().position(|e| named(e)) {
+        if let Some(place) = expressions.iter().position(&named) {
             return Variable::Expression(place);
         }
         let found = children(element, "pVariable").find(named).or_else(|| {

@@ -182,11 +182,11 @@ impl UsbSource {
             tracing::warn!("{e}");
         }
         while !ended.load(Ordering::Acquire) {
-            if let Err(e) = self.context.handle_events(Some(Duration::from_millis(100))) {
-                if e != rusb::Error::Interrupted {
-                    tracing::warn!("libusb cannot handle events: {e}");
-                    thread::sleep(Duration::from_millis(10));
-                }
+            if let Err(e) = self.context.handle_events(Some(Duration::from_millis(100)))
+                && e != rusb::Error::Interrupted
+            {
+                tracing::warn!("libusb cannot handle events: {e}");
+                thread::sleep(Duration::from_millis(10));
             }
         }
     }

@@ -229,11 +229,7 @@ impl Stage {
     fn draw(&self, image: &mut [[f32; 3]], flight: &Flight, reflectance: &[f32; 3], light: f32) {
         let (width, height) = self.size;
         let ends = [-0.5, 0.5].map(|t| {
-            let p = self
-                .camera
-                .project(&Point::<Camera>::from(flight.centre + flight.path * t))
-                .expect("in view");
-            p
+            self.camera.project(&Point::<Camera>::from(flight.centre + flight.path * t)).expect("in view")
         });
         let length = (ends[1] - ends[0]).norm();
         let reach = 1.15 * RADIUS_M * self.camera.fx / flight.centre.z

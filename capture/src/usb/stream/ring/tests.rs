@@ -99,8 +99,7 @@ impl Stream {
                 let length = completion.data.len();
                 self.ring.memory(unit, part)[..length].copy_from_slice(&completion.data);
                 let step = self.ring.complete(unit, part, end, length);
-                let skip;
-                match step {
+                let skip = match step {
                     Step::Continue => continue,
                     Step::Gone => panic!("nobody unplugs it"),
                     Step::OutOfStep(loss) => {
@@ -113,13 +112,13 @@ impl Stream {
                             &self.ring.units[unit].buffer[..frame.stride * frame.leader.height as usize];
                         let right = pattern::first_wrong(frame.leader.block, frame.stride, picture).is_none();
                         self.frames.push((frame.leader.block, right));
-                        skip = skipped;
+                        skipped
                     }
                     Step::Lost(loss, skipped) => {
                         self.losses.push(loss);
-                        skip = skipped;
+                        skipped
                     }
-                }
+                };
                 let reason = self.ring.assembler().skip_reason();
                 self.losses.extend(std::iter::repeat_n(reason, skip as usize));
                 self.ring.assembler().settled();
