@@ -18,6 +18,8 @@ mod messages;
 mod protobuf;
 mod raw_image;
 mod records;
+#[cfg(test)]
+mod tests;
 mod triggers;
 mod truth;
 mod writer;

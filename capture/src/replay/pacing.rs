@@ -86,18 +86,23 @@ impl Readers {
         trigger_id: u64,
         stop: &Shutdown,
     ) -> Result<(), BusError> {
+        let (subscriber, finished) = (&self.detections[camera], &mut self.finished[camera]);
+        // Before the first frame there is nothing to be finished.
+        if *finished == 0 {
+            *finished = trigger_id.saturating_sub(1);
+        }
         let until = Instant::now() + NOBODY;
         loop {
-            let subscriber = &self.detections[camera];
             while let Some(message) = subscriber.receive()? {
                 if message.scope == Scope::Full.code() {
-                    self.finished[camera] = self.finished[camera].max(message.trigger_id);
+                    *finished = (*finished).max(message.trigger_id);
                 }
             }
-            if self.finished[camera] + IN_FLIGHT >= trigger_id
-                || stop.is_requested()
-                || Instant::now() >= until
-            {
+            if *finished + IN_FLIGHT >= trigger_id || stop.is_requested() {
+                return Ok(());
+            }
+            if Instant::now() >= until {
+                *finished = trigger_id;
                 return Ok(());
             }
             subscriber.wait(Duration::from_millis(2))?;

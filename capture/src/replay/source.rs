@@ -182,6 +182,10 @@ impl ReplaySource {
         for trigger in &self.triggers {
             let id = trigger.id + round.id_offset;
             late_by_pauses += self.pause(stop);
+            // For all cameras first, so that the frames of a trigger come together.
+            if let Some(readers) = readers {
+                self.frames(trigger).try_for_each(|(camera, _)| readers.make_room(camera.get(), id, stop))?;
+            }
             for (camera, frame) in self.frames(trigger) {
                 let Some(frame) = frame else {
                     sink.lost(camera, id, LossReason::Dropped)?;
@@ -197,9 +201,6 @@ impl ReplaySource {
                     }
                     Pace::Readers => MonotonicClock.now().as_ns(),
                 };
-                if let Some(readers) = readers {
-                    readers.make_room(camera.get(), id, stop)?;
-                }
                 if !sleep_until(due_ns, stop) {
                     return Ok(());
                 }

@@ -1,6 +1,7 @@
 //! `netcord process`, `recover` and `plot` as their users run them: real processes, real files.
 
 mod filming;
+mod live;
 mod mistakes;
 mod python;
 
