@@ -61,14 +61,15 @@ impl Footage {
     /// [`RecordingError::Content`] names the camera, and what the rig knows.
     pub fn check_against(&self, rig: &Rig) -> Result<(), RecordingError> {
         let known = rig.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+        if let Some(stranger) = self.cameras.iter().find(|filmed| rig.camera(&filmed.name).is_none()) {
+            return Err(self.content(format!(
+                "{} is of a camera that the rig {} does not know; it has {known}",
+                camera_topic(&stranger.name, "image"),
+                rig.name
+            )));
+        }
         for filmed in &self.cameras {
-            let Some(camera) = rig.camera(&filmed.name) else {
-                return Err(self.content(format!(
-                    "{} is a camera that the rig {} does not know; it has {known}",
-                    camera_topic(&filmed.name, "image"),
-                    rig.name
-                )));
-            };
+            let Some(camera) = rig.camera(&filmed.name) else { continue };
             let Some(frame) = filmed.frames.first() else { continue };
             let model = &camera.model;
             if (frame.width, frame.height) != (model.width, model.height) {
