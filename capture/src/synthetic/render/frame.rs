@@ -55,7 +55,7 @@ struct View {
     backdrop: Backdrop,
 }
 
-/// A body that is not the ball. What it adds to the picture is kept and only renewed 10 to 50 times a
+/// A body that is not the ball. What it adds to the picture is kept and only renewed 5 to 50 times a
 /// second, each body's at its own instants: players are large, and slow beside the ball.
 #[derive(Debug, Default)]
 struct Actor {
@@ -321,22 +321,26 @@ impl Painter<'_> {
 
     /// Paints a layer over what is on the canvas.
     fn paint(&mut self, layer: &Layer) {
-        for y in layer.rows() {
-            let (x0, row) = layer.row(y);
-            // Only the tiles under what is covered are opened.
-            for (chunk, shares) in row.chunks(TILE / 2).enumerate() {
-                if shares.iter().all(|s| s.coverage == 0.0) {
-                    continue;
-                }
-                let x = x0 + chunk * (TILE / 2);
-                let y = y as i64;
-                let rect = Rect { x0: x as i64, y0: y, x1: (x + shares.len()) as i64, y1: y + 1 };
-                self.open(&rect);
-                let means = self.canvas.row_mut(y as usize);
-                for (mean, s) in means[x..].iter_mut().zip(shares) {
+        let rows = layer.rows();
+        let mut y0 = rows.start;
+        while y0 < rows.end {
+            // The rows of one row of tiles: what is covered of them is opened together.
+            let y1 = ((y0 / TILE + 1) * TILE).min(rows.end);
+            let covered = (y0..y1).map(|y| layer.covered(y)).filter(|(_, row)| !row.is_empty());
+            let hull = covered.fold(None, |hull: Option<(usize, usize)>, (x, row)| {
+                let (low, high) = hull.unwrap_or((x, x));
+                Some((low.min(x), high.max(x + row.len())))
+            });
+            if let Some((x0, x1)) = hull {
+                self.open(&Rect { x0: x0 as i64, y0: y0 as i64, x1: x1 as i64, y1: y1 as i64 });
+            }
+            for y in y0..y1 {
+                let (x, row) = layer.covered(y);
+                for (mean, s) in self.canvas.row_mut(y)[x..].iter_mut().zip(row) {
                     *mean = *mean * (1.0 - s.coverage) + s.light * self.gain;
                 }
             }
+            y0 = y1;
         }
     }
 
@@ -353,8 +357,16 @@ impl Painter<'_> {
         for y in rows {
             let rays = self.view.rays.row(y);
             let (x0, row) = layer.row_mut(y);
+            let mut span = 0..0;
             for x in columns.clone() {
-                let Some(seen) = outline.seen(rays[x]) else { continue };
+                let Some(seen) = outline.seen(rays[x]) else {
+                    // An ellipsoid's image is convex: behind its far rim nothing follows.
+                    if !span.is_empty() {
+                        break;
+                    }
+                    continue;
+                };
+                span = if span.is_empty() { x..x + 1 } else { span.start..x + 1 };
                 area += seen.coverage;
                 if self.view.backdrop.hides(x, y, seen.depth_m) {
                     continue;
@@ -371,6 +383,9 @@ impl Painter<'_> {
                 *c += coverage;
                 *l += coverage * light;
                 *shown += coverage * clear;
+            }
+            if !span.is_empty() {
+                layer.widen(y, span);
             }
         }
         area
@@ -577,9 +592,7 @@ mod tests {
         let mut blurred = std::collections::HashMap::new();
         for y in renderer.ball_layer.rows() {
             let (x0, row) = renderer.ball_layer.row(y);
-            row.iter().enumerate().for_each(|(i, s)| {
-                blurred.insert((x0 + i, y), f64::from(s.coverage));
-            });
+            blurred.extend(row.iter().enumerate().map(|(i, s)| ((x0 + i, y), f64::from(s.coverage))));
         }
         let count = 300;
         for k in 0..count {

@@ -110,15 +110,16 @@ impl Outline {
         let a = &self.to_unit;
         let direction = a * Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
         let (dd, dc) = (direction.norm_squared(), direction.dot(&self.centre));
+        // A ray that is not a number is refused too.
         if dc <= 0.0 || dc.is_nan() {
             return None;
         }
         let h = dc * dc / dd - self.beyond;
-        let t = (1.0 - h).max(0.0).sqrt();
         let (inside, outside) = self.edge_t;
-        if t > outside {
+        if 1.0 - h > outside * outside {
             return None;
         }
+        let t = (1.0 - h).max(0.0).sqrt();
         let coverage = if t < inside { 1.0 } else { self.coverage(t, &direction, dd, dc)? };
         let root = (dc * dc - dd * self.beyond).max(0.0).sqrt();
         let depth_m = (dc - root) / dd;

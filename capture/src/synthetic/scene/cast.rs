@@ -114,12 +114,12 @@ impl Cast {
     }
 
     /// How often the picture of body `index` must be renewed, s: hips, chests and heads are large, and move
-    /// less than a pixel or two in this time.
+    /// no more than some pixels in this time.
     pub fn renewal_s(&self, index: usize) -> f64 {
         match index.checked_sub(self.decoys.len()) {
             None => 0.02,
-            Some(part) if part % PLAYER_BODIES < 3 => 0.10,
-            Some(_) => 0.04,
+            Some(part) if part % PLAYER_BODIES < 3 => 0.20,
+            Some(_) => 0.08,
         }
     }
 
@@ -152,12 +152,12 @@ impl Player {
         let swing = |speed: f64, offset: f64| {
             (t_s * std::f64::consts::TAU / self.sway_s * speed + self.phase + offset).sin()
         };
-        let at = self.stand + Vector3::new(0.35 * swing(0.41, 0.0), 0.12 * swing(0.73, 1.0), 0.0);
+        let at = self.stand + Vector3::new(0.12 * swing(0.2, 0.0), 0.05 * swing(0.3, 1.0), 0.0);
         let f = self.facing;
         let up = |x: f64, y: f64, z: f64| at + Vector3::new(x, f * y, z);
         let hip = up(0.0, -0.05, 0.10);
-        let chest = up(0.02 * swing(1.0, 0.3), 0.08, 0.42);
-        let head = up(0.03 * swing(1.0, 0.6), 0.18, 0.82);
+        let chest = up(0.015 * swing(0.5, 0.3), 0.08, 0.42);
+        let head = up(0.02 * swing(0.5, 0.6), 0.18, 0.82);
         let hand = up(
             0.32 * f + 0.25 * swing(1.0, 0.0),
             0.50 + 0.22 * swing(1.0, 1.2),

@@ -65,7 +65,7 @@ fn value_noise(s: f32, t: f32, seed: u32) -> f32 {
     let (fs, ft) = (ease(s - i), ease(t - j));
     let at = |di: i64, dj: i64| {
         let (i, j) = ((i as i64 + di) as u64, (j as i64 + dj) as u64);
-        let h = hash(i.wrapping_mul(0x100_0000_01b3) ^ (j << 32) ^ u64::from(seed));
+        let h = hash(i.wrapping_mul(0x0100_0000_01b3) ^ (j << 32) ^ u64::from(seed));
         (h >> 40) as f32 / (1_u64 << 24) as f32
     };
     let top = at(0, 0) + fs * (at(1, 0) - at(0, 0));
