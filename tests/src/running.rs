@@ -1,5 +1,6 @@
 use std::{
     io::{BufRead as _, BufReader, Read},
+    os::unix::process::CommandExt as _,
     process::{Child, Command, ExitStatus, Stdio},
     sync::{
         Arc, Mutex, PoisonError,
@@ -9,7 +10,10 @@ use std::{
 };
 
 use nix::{
-    sys::signal::{Signal, kill},
+    sys::{
+        prctl,
+        signal::{Signal, kill},
+    },
     unistd::Pid,
 };
 
@@ -41,6 +45,11 @@ impl Running {
     /// # Panics
     /// When it cannot be started.
     pub fn start(mut command: Command) -> Self {
+        // SAFETY: between fork and exec only prctl is called, which is async-signal-safe.
+        unsafe {
+            // A test that is itself killed leaves no process behind.
+            command.pre_exec(|| Ok(prctl::set_pdeathsig(Signal::SIGTERM)?));
+        }
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())

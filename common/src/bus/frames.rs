@@ -1,4 +1,7 @@
-use std::time::Duration;
+use std::{
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
 
 use iceoryx2::{
     port::{LoanError, publisher::Publisher as IoxPublisher, subscriber::Subscriber as IoxSubscriber},
@@ -18,9 +21,15 @@ use crate::wire::FrameHeader;
 pub struct FramePublisher {
     port: IoxPublisher<Service, [u8], FrameHeader>,
     signal: Signal,
+    opening: Opening,
     name: String,
     slot_bytes: usize,
+    /// Addresses of slots that have been handed out: their pages are there.
+    touched: Mutex<Vec<usize>>,
 }
+
+/// Slots that must find room when a writer opens: one being filled, one being read, in each of two stages.
+const FIRST_SLOTS: usize = 4;
 
 impl FramePublisher {
     /// Opens the writing end, with slots of `slot_bytes` (the frame, and the slack that a device's
@@ -30,6 +39,13 @@ impl FramePublisher {
     /// As [`Bus::publisher`].
     pub fn open(bus: &Bus, topic: &Topic<FrameHeader>, slot_bytes: usize) -> Result<Self, BusError> {
         let opening = Opening::new(topic.name(), topic.limits(), topic.writer());
+        // Shared memory is given page by page when it is first written, and a process that writes where none is
+        // left is ended by the kernel (SIGBUS): so it is asked before, here and in `loan`.
+        if service::free_shared_memory() < (FIRST_SLOTS * slot_bytes) as u64 {
+            return Err(
+                opening.no_memory(FIRST_SLOTS * slot_bytes, "too little is free for the first frames")
+            );
+        }
         let factory = service::frames(bus, &opening)?;
         let port = factory
             .publisher_builder()
@@ -37,13 +53,16 @@ impl FramePublisher {
             .max_loaned_samples(topic.limits().loaned)
             .create()
             .map_err(|e| opening.publisher_error(e, topic.limits().slots() * slot_bytes))?;
-        Ok(Self { port, signal: Signal::open(bus, &opening)?, name: topic.name().to_owned(), slot_bytes })
+        let touched = Mutex::new(Vec::with_capacity(topic.limits().slots()));
+        let signal = Signal::open(bus, &opening)?;
+        Ok(Self { port, signal, opening, name: topic.name().to_owned(), slot_bytes, touched })
     }
 
     /// Takes a free slot of `bytes` bytes, which hold what an earlier frame left there.
     ///
     /// # Errors
-    /// [`BusError::FrameTooLarge`], [`BusError::NoSlot`] and [`BusError::Service`].
+    /// [`BusError::FrameTooLarge`], [`BusError::NoSlot`], [`BusError::NoMemory`] for a slot that has never been
+    /// used and finds no room, and [`BusError::Service`].
     pub fn loan(&self, bytes: usize) -> Result<FrameSlot, BusError> {
         let sample = self.port.loan_slice_uninit(bytes).map_err(|e| match e {
             LoanError::ExceedsMaxLoanSize => {
@@ -62,7 +81,21 @@ impl FramePublisher {
         // zero when they are first touched and hold an earlier frame after that: no byte is ever
         // uninitialised.
         let sample = unsafe { sample.assume_init() };
+        self.make_sure_of_room(sample.payload().as_ptr().addr())?;
         Ok(FrameSlot { sample })
+    }
+
+    /// Asks, before the slot at `address` is written for the first time, whether its pages can be had.
+    fn make_sure_of_room(&self, address: usize) -> Result<(), BusError> {
+        let mut touched = self.touched.lock().unwrap_or_else(PoisonError::into_inner);
+        if touched.contains(&address) {
+            return Ok(());
+        }
+        if service::free_shared_memory() < self.slot_bytes as u64 {
+            return Err(self.opening.no_memory(self.slot_bytes, "a slot is used for the first time"));
+        }
+        touched.push(address);
+        Ok(())
     }
 
     /// Hands a filled slot to all readers, without copying it, and wakes them.

@@ -101,7 +101,7 @@ impl Opening {
 }
 
 /// Bytes free in /dev/shm; 0 where that cannot be told.
-fn free_shared_memory() -> u64 {
+pub(super) fn free_shared_memory() -> u64 {
     nix::sys::statvfs::statvfs("/dev/shm").map_or(0, |s| s.blocks_available() * s.fragment_size())
 }
 
