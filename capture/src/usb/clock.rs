@@ -132,7 +132,8 @@ mod tests {
 
     /// A device that is `ppm` fast; the answer lies anywhere in a round trip of 60 to 400 µs.
     fn readings(ppm: f64, count: u64) -> (DeviceClock, impl Fn(u64) -> u64) {
-        let device = move |host: u64| 77_000_000_000 + host + (host as f64 * ppm * 1e-6) as u64;
+        let device =
+            move |host: u64| (77_000_000_000 + host).wrapping_add_signed((host as f64 * ppm * 1e-6) as i64);
         let mut clock = DeviceClock::default();
         let mut noise = 12345_u64;
         for i in 0..count {

@@ -87,7 +87,14 @@ fn read(rig: &Rig, cameras: &[PosedCamera], path: &Path) -> Result<Vec<Group>, B
     let of_line = reader.headers()?.clone();
     while reader.read_record(&mut record)? {
         let at = record.position().map_or(0, csv::Position::line);
-        let line: Line = record.deserialize(Some(&of_line)).map_err(|e| format!("{name}:{at}: {e}"))?;
+        let line: Line = record.deserialize(Some(&of_line)).map_err(|e| match e.kind() {
+            csv::ErrorKind::Deserialize { err, .. } => {
+                let field =
+                    err.field().and_then(|i| of_line.get(usize::try_from(i).ok()?)).unwrap_or("a line");
+                format!("{name}:{at}: {field}: {}", err.kind())
+            }
+            _ => format!("{name}:{at}: {e}"),
+        })?;
         if !(line.x_px.is_finite() && line.y_px.is_finite()) {
             return Err(format!("{name}:{at}: a pixel must be two finite numbers").into());
         }
