@@ -94,9 +94,17 @@ impl PosedCamera {
         if !(information.m11 > 0.0 && information.determinant() > 0.0) {
             return None;
         }
-        let normalised = self.model.undistort(&pixel)?;
-        let (_, by_normalised) = self.model.distort_with_jacobian(&normalised)?;
-        let focal = Matrix2::new(self.model.fx, 0.0, 0.0, self.model.fy);
+        let undistorted = self.model.undistort(&pixel)?;
+        let (distorted, by_normalised) = self.model.distort_with_jacobian(&undistorted)?;
+        let (fx, fy) = (self.model.fx, self.model.fy);
+        // One more Newton step, whose derivative is at hand, takes out the last digits: ill-conditioned
+        // methods enlarge them ten thousand times.
+        let off = Vector2::new(
+            (pixel.x - self.model.cx) / fx - distorted.x,
+            (pixel.y - self.model.cy) / fy - distorted.y,
+        );
+        let normalised = undistorted + by_normalised.try_inverse()? * off;
+        let focal = Matrix2::new(fx, 0.0, 0.0, fy);
         let ray = self.rotation.tr_mul(&Vector3::new(normalised.x, normalised.y, 1.0)).normalize();
         Some(Observation {
             camera,

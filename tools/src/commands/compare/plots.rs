@@ -86,6 +86,12 @@ fn panel<'a, B: DrawingBackend>(
     chart
         .configure_mesh()
         .x_desc(axis)
+        // Only what was measured is labelled: a logarithmic axis has more marks than room.
+        .x_label_formatter(&|x| {
+            let measured = marks.iter().any(|m| (m - x).abs() < 1e-9);
+            if measured { format!("{x:.1}") } else { String::new() }
+        })
+        .y_label_formatter(&|y| format!("{y:.1}"))
         .y_desc("RMS error, mm")
         .label_style((FONT, 15))
         .light_line_style(INK.mix(0.03))
