@@ -53,9 +53,10 @@ pub(super) fn sleep_until(due_ns: u64, stop: &Shutdown) -> bool {
     }
 }
 
-/// Frames of one camera that may be on their way to the segmenter: half of the bus's queue, so that
-/// nothing is dropped.
-const IN_FLIGHT: u64 = 4;
+/// Frames of one camera that may be on their way to the segmenter. With more, the camera whose segmenter is
+/// behind stays behind by as much, and the triangulator does not wait for it; with one, each frame is
+/// searched with the window of the last, as in `netcord process`.
+const IN_FLIGHT: u64 = 1;
 
 /// With no answer for this long, nobody segments: the frames go on.
 const NOBODY: Duration = Duration::from_millis(500);
