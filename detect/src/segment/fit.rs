@@ -299,10 +299,10 @@ fn eliminate(
 }
 
 /// Most steps of one fit.
-const MAX_STEPS: usize = 12;
+const MAX_STEPS: usize = 8;
 
 /// A step of the centre shorter than this ends the fit, px.
-const CONVERGED_PX: f32 = 0.004;
+const CONVERGED_PX: f32 = 0.01;
 
 /// Fits the outline, starting from `start`; the path is fitted where `moving`, else taken as none. `typical` is the size of its contrast by colour, DN.
 /// None where the pixels do not determine it.

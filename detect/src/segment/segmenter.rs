@@ -26,9 +26,14 @@ use super::{
 };
 
 /// Fits per frame, at most: the likeliest blobs come first.
-const MAX_FITS: usize = 10;
+const MAX_FITS: usize = 5;
 /// Fits per frame where nothing is known of the background.
 const MAX_FITS_ALONE: usize = 40;
+/// Pixels that the fits of one frame may look at together, beyond the first fit. A ball of 20 px with 100 px of
+/// blur takes 4,000; the limbs and shirts of players take 20,000 each and more, and would cost the frames behind.
+const MAX_FIT_PX2: f32 = 12_000.0;
+/// What a fit looks at around the outline, both sides together, px.
+const FIT_MARGIN_PX: f32 = 12.0;
 
 /// Frames between two looks at the colour of the scene's light.
 const LIGHT_EVERY: u64 = 64;
@@ -354,7 +359,7 @@ impl Segmenter {
     }
 
     fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {
-        let mut fits = 0;
+        let (mut fits, mut spent) = (0, 0.0);
         for i in 0..self.starts.len() {
             let start = self.starts[i];
             if fits == most || self.found.len() == self.found.capacity() {
@@ -363,6 +368,13 @@ impl Segmenter {
             if self.found.iter().any(|f| covers(&f.item, start.place.rectifier.anchor)) {
                 continue;
             }
+            let sweep = &start.sweep;
+            let width = 2.0 * sweep.radius + FIT_MARGIN_PX;
+            let area = width * (width + sweep.length);
+            if !alone && fits > 0 && spent + area > MAX_FIT_PX2 {
+                continue;
+            }
+            spent += area;
             fits += 1;
             let behind = if alone {
                 Behind::Around(self.background.noise())

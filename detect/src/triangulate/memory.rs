@@ -38,6 +38,24 @@ const SPOT_MEMORY_NS: u64 = 3_000_000_000;
 /// The path that proves that a track moves, m.
 const MOVING_M: f64 = 0.15;
 
+/// A ball's centre lies this far above the table when it touches it, m.
+const BALL_ON_TABLE_M: f64 = 0.020;
+
+/// What triangulation and the table's pose may be off by at the table, m.
+const LEVEL_M: f64 = 0.015;
+
+/// Half the table with a margin: width and length, m.
+const TABLE_HALF_M: [f64; 2] = [0.80, 1.40];
+
+/// Nearer to the floor than any stroke is played; the playing surface lies 0.76 m above it, m.
+const NEAR_FLOOR_M: f64 = -0.60;
+
+/// A track whose heights span more than this flies; what rolls or rests does not, m.
+const FLYING_SPAN_M: f64 = 0.025;
+
+/// A flying ball comes to the table within this distance of where it was predicted, m.
+const ARRIVES_M: f64 = 0.12;
+
 #[derive(Debug, Clone, Copy, Default)]
 struct Spot {
     anchor: Vector3<f64>,
@@ -165,11 +183,29 @@ impl Memory {
 
     /// What is known of a point as a thing at rest.
     pub fn rest(&self, t_ns: u64, point: &Vector3<f64>) -> Rest {
+        if self.lies_or_rolls(t_ns, point) {
+            return Rest::LookAlike;
+        }
         match self.spot(t_ns, point).map(|i| &self.spots[i]) {
             Some(spot) if spot.rests() && spot.beside_ball => Rest::LookAlike,
             Some(spot) if spot.rests() => Rest::Still,
             _ => Rest::Unknown,
         }
+    }
+
+    /// Whether a point is at the height of a ball that lies or rolls on the table or the floor, and no flight
+    /// has brought it there: a ball in play touches the table only where its path comes down.
+    fn lies_or_rolls(&self, t_ns: u64, point: &Vector3<f64>) -> bool {
+        let on_table = (point.z - BALL_ON_TABLE_M).abs() < LEVEL_M
+            && point.x.abs() < TABLE_HALF_M[0]
+            && point.y.abs() < TABLE_HALF_M[1];
+        if self.gravity.z == 0.0 || !(on_table || point.z < NEAR_FLOOR_M) {
+            return false;
+        }
+        let heights = self.recent().iter().map(|(_, p)| p.z);
+        let span = heights.clone().fold(f64::MIN, f64::max) - heights.fold(f64::MAX, f64::min);
+        let arrives = self.predict(t_ns).is_some_and(|p| (p - point).norm() < ARRIVES_M);
+        !(span > FLYING_SPAN_M && arrives)
     }
 
     fn spot(&self, t_ns: u64, point: &Vector3<f64>) -> Option<usize> {
