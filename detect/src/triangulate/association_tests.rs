@@ -88,7 +88,7 @@ fn the_ball_is_picked_among_fifteen_others_in_each_camera() {
 
 /// A thing that does not move and looks better than the ball.
 fn decoy(plain: &Plain, random: &mut Pcg64, flagged: bool) -> Detection {
-    let mut d = detection(plain, &Vector3::new(0.4, 0.9, 0.02), 0.1, random);
+    let mut d = detection(plain, &Vector3::new(0.4, 0.9, 0.32), 0.1, random);
     d.score = 0.99;
     d.flags |= if flagged { DetectionFlags::AT_REST } else { 0 };
     d
@@ -100,7 +100,7 @@ fn what_does_not_move_never_beats_the_moving_ball_but_is_reported_alone() {
     for (n, flagged) in [(2, true), (2, false), (4, true), (4, false)] {
         let (rig, plain) = example(n);
         let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
-        let spot = Vector3::new(0.4, 0.9, 0.02);
+        let spot = Vector3::new(0.4, 0.9, 0.32);
         let mut scene = |trigger: u64, ball: Option<Vector3<f64>>, views: usize| {
             let messages: Vec<_> = (0..n)
                 .map(|i| {
@@ -128,6 +128,26 @@ fn what_does_not_move_never_beats_the_moving_ball_but_is_reported_alone() {
             PositionOutcome::None(NoPosition::NoDetection),
             "it was there beside the ball, so it is none"
         );
+    }
+}
+
+#[test]
+fn what_lies_on_the_table_is_no_ball_in_play_but_what_bounces_there_is() {
+    let mut random = Pcg64::seed_from_u64(5);
+    let (rig, plain) = example(2);
+    let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+    for trigger in 1..=5 {
+        let lying = Vector3::new(0.4, 0.9, 0.02);
+        let position = process(&mut triangulator, &seen_by_all(&plain, &lying, trigger, &mut random));
+        assert_eq!(position.outcome(), PositionOutcome::None(NoPosition::NoDetection));
+    }
+    for i in 0..40 {
+        // Down at 3 m/s from 0.32 m above the point of contact, and up again.
+        let t = f64::from(i) * 0.01 - 0.1;
+        let ball = Vector3::new(0.1, -0.5 + 4.0 * t, 0.02 + 3.0 * t.abs());
+        let trigger = 6 + i as u64;
+        let position = process(&mut triangulator, &seen_by_all(&plain, &ball, trigger, &mut random));
+        assert!(error_m(&position, &ball) < 0.01, "trigger {trigger}");
     }
 }
 
