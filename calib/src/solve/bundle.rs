@@ -258,7 +258,6 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
 
     /// The camera system with the blocks eliminated (Schur complement), its right-hand side, and the
     /// inverses of the damped block matrices; `None` when a block is not determined.
-    #[allow(clippy::type_complexity)]
     fn schur(
         &self,
         n: &Normal<D>,

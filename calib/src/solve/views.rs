@@ -151,7 +151,7 @@ pub fn write_corners(cameras: &[CameraViews]) -> String {
                 .collect(),
         ),
     };
-    serde_json::to_string(&raw).unwrap_or_default()
+    serde_json::to_string(&raw).expect("names and numbers always have a JSON form")
 }
 
 #[cfg(test)]
