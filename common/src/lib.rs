@@ -11,6 +11,7 @@
 //! ```
 
 mod allocations;
+pub mod board;
 pub mod bus;
 pub mod camera;
 mod counters;

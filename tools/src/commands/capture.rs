@@ -102,6 +102,16 @@ pub struct SceneArgs {
     /// Length of the exposure in microseconds, in place of the scene's or the rig file's.
     #[arg(long, value_name = "US")]
     exposure_us: Option<u64>,
+
+    /// Carry a calibration board through the scene in place of play: as `netcord calib board` takes it, such as
+    /// charuco:6x4:DICT_4X4_50:120mm:90mm.
+    #[arg(long, value_name = "BOARD", conflicts_with = "flights")]
+    board: Option<String>,
+
+    /// The board's way, in place of a tour before all cameras: a CSV file t,x,y,z,rx,ry,rz (s, m, and a rotation
+    /// vector in rad; the board's origin in the table frame).
+    #[arg(long, value_name = "CSV", requires = "board")]
+    board_path: Option<PathBuf>,
 }
 
 impl SceneArgs {
@@ -112,6 +122,8 @@ impl SceneArgs {
             seed: self.seed,
             flights: self.flights.clone(),
             exposure_ns: self.exposure_us.map(|us| Duration::from_micros(us).as_nanos() as u64),
+            board: self.board.clone(),
+            board_path: self.board_path.clone(),
         }
     }
 }

@@ -9,6 +9,7 @@ use std::{ops::Range, sync::Arc};
 
 use super::{
     backdrop::Backdrop,
+    board::BoardImage,
     canvas::{Canvas, Rect},
     layer::{Layer, Share},
     noise::{Developer, hash},
@@ -17,7 +18,7 @@ use super::{
 };
 use crate::synthetic::{
     flight::{BallTrack, TABLE_HALF_LENGTH_M, TABLE_HALF_WIDTH_M, TrackPoint},
-    scene::{Body, Paint, Scene, Texture},
+    scene::{Body, CarriedBoard, Paint, Scene, Texture},
 };
 
 /// One exposure of one camera, in scene time.
@@ -179,6 +180,9 @@ impl FrameRenderer {
         let seen = self.find_ball(exposure);
         let Self { scene, view, canvas, actors, order, ball, ball_layer, .. } = self;
         let mut painter = Painter { scene, view, canvas, gain };
+        if let Some(carried) = &scene.board {
+            painter.board(carried, exposure);
+        }
         if let Some(centre) = seen.centre {
             painter.shadow(&centre);
         }
@@ -341,6 +345,31 @@ impl Painter<'_> {
                 }
             }
             y0 = y1;
+        }
+    }
+
+    /// Paints a board over what is on the canvas.
+    fn board(&mut self, carried: &CarriedBoard, exposure: &Exposure) {
+        let View { model, camera_from_world, .. } = &*self.view;
+        let times = (exposure.mid_s, exposure.length_s);
+        let Some(image) = BoardImage::new(self.scene, carried, model, camera_from_world, times) else {
+            return;
+        };
+        self.open(&image.rect);
+        let (width, height) = (self.canvas.width, self.canvas.height);
+        let Rect { x0, y0, x1, y1 } = image.rect;
+        let with_neighbours = Rect { x0: x0 - 1, y0: y0 - 1, x1: x1 + 1, y1: y1 + 1 };
+        self.view.rays.make_known(&with_neighbours, width, height);
+        let (columns, rows) = image.rect.within(width, height);
+        for y in rows {
+            for x in columns.clone() {
+                let channel = self.canvas.channel(x, y);
+                let Some(share) = image.pixel(x, y, &self.view.rays.field(x, y), channel) else { continue };
+                if !self.view.backdrop.hides(x, y, share.depth_m) {
+                    let mean = self.canvas.mean_mut(x, y);
+                    *mean = *mean * (1.0 - share.coverage) + share.light * share.coverage * self.gain;
+                }
+            }
         }
     }
 

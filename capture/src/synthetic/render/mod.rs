@@ -4,6 +4,7 @@
 //! into tiles of mean levels; both are then developed: brightness, shot and read noise, quantisation.
 
 mod backdrop;
+mod board;
 mod canvas;
 mod frame;
 mod layer;

@@ -1,7 +1,7 @@
 use nalgebra::Vector2;
 use netcord_common::camera::CameraModel;
 
-use super::canvas::Rect;
+use super::{board::RayField, canvas::Rect};
 
 /// Side of a tile, px: what is looked up, opened and restored at a time.
 pub const TILE: usize = 16;
@@ -79,6 +79,22 @@ impl RayTable {
                 // Where the lens has no inverse no light comes from anywhere: nothing is ever hit there.
                 self.rays[y * width + x] = ray.map_or([f32::NAN; 2], |n| [n.x as f32, n.y as f32]);
             }
+        }
+    }
+
+    /// The ray of a pixel and its change to the next ones, from its neighbours, which must be known.
+    pub fn field(&self, x: usize, y: usize) -> RayField {
+        let (width, height) = (self.model.width as usize, self.model.height as usize);
+        let at = |x: usize, y: usize| {
+            let [u, v] = self.rays[y * width + x];
+            Vector2::new(f64::from(u), f64::from(v))
+        };
+        let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+        let (up, down) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        RayField {
+            at: at(x, y),
+            by_x: (at(right, y) - at(left, y)) / (right - left).max(1) as f64,
+            by_y: (at(x, down) - at(x, up)) / (down - up).max(1) as f64,
         }
     }
 

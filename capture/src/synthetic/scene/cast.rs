@@ -79,6 +79,11 @@ impl Cast {
         Self { decoys, players }
     }
 
+    /// Nobody and nothing.
+    pub const fn nobody() -> Self {
+        Self { decoys: Vec::new(), players: Vec::new() }
+    }
+
     fn decoy(index: usize, ball: Paint, radius_m: f64, random: &mut Pcg64) -> Decoy {
         let on_table = index.is_multiple_of(3);
         let place = |random: &mut Pcg64| {

@@ -1,6 +1,7 @@
 //! What there is to see: a hall with a table, light, players, balls that lie about, and the ball.
 
 mod body;
+mod carried;
 mod cast;
 mod light;
 mod look;
@@ -9,6 +10,7 @@ mod paint;
 mod room;
 
 pub use body::Body;
+pub use carried::{BoardPath, CarriedBoard, CarriedBoardError};
 pub use cast::Cast;
 pub use light::{Dimming, Flicker, Light};
 pub use look::{Difficulty, Preset};
@@ -22,7 +24,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
 use super::{
-    flight::{Air, BallTrack, Contact, Rally, RecordedFlights},
+    flight::{Air, BallTrack, Contact, Rally, RecordedFlights, TrackPoint},
     render::SensorNoise,
 };
 
@@ -48,6 +50,8 @@ pub struct Scene {
     pub exposure_ns: Option<u64>,
     /// What all noise comes from.
     pub seed: u64,
+    /// A calibration board, where one is shown: then nobody plays.
+    pub board: Option<CarriedBoard>,
     flights: Flights,
 }
 
@@ -55,6 +59,7 @@ pub struct Scene {
 enum Flights {
     Rally { air: Air, contact: Contact, style: super::flight::RallyStyle, seed: u64 },
     Recorded(RecordedFlights),
+    Nobody,
 }
 
 impl Scene {
@@ -75,7 +80,14 @@ impl Scene {
         let radius_m = rig.ball.radius_m();
         let light = light(&difficulty, random);
         let room = Room::new(&difficulty, light, ball.colour, random);
-        let cast = Cast::new(&difficulty, ball, radius_m, random);
+        let board = match &options.board {
+            Some(spec) => Some(CarriedBoard::new(rig, spec, options.board_path.as_deref())?),
+            None => None,
+        };
+        let mut cast = Cast::new(&difficulty, ball, radius_m, random);
+        if board.is_some() {
+            cast = Cast::nobody();
+        }
         let channel = |share: f64| (difficulty.white_dn * share) as f32;
         let white_dn = [
             channel(random.random_range(0.55..0.95)),
@@ -85,6 +97,7 @@ impl Scene {
         ];
         let blur_px = random.random_range(0.40..0.75);
         let flights = match &options.flights {
+            _ if board.is_some() => Flights::Nobody,
             Some(path) => Flights::Recorded(RecordedFlights::read(path)?),
             None => Flights::Rally {
                 // Constants differ from scene to scene within what has been published.
@@ -102,7 +115,7 @@ impl Scene {
         };
         let exposure_ns = options.exposure_ns.or(difficulty.exposure_ns);
         let (noise, seed) = (difficulty.noise, options.seed);
-        Ok(Self { room, cast, ball, radius_m, noise, white_dn, blur_px, exposure_ns, seed, flights })
+        Ok(Self { room, cast, ball, radius_m, noise, white_dn, blur_px, exposure_ns, seed, board, flights })
     }
 
     /// Level of a pixel behind the filter `channel` (red, green, blue, none) at a radiance in full light,
@@ -124,7 +137,18 @@ impl Scene {
                 Box::new(Rally::new(*air, *contact, *style, *seed))
             }
             Flights::Recorded(flights) => Box::new(flights.clone()),
+            Flights::Nobody => Box::new(NoBall),
         }
+    }
+}
+
+/// The track of a scene without a ball.
+#[derive(Debug)]
+struct NoBall;
+
+impl BallTrack for NoBall {
+    fn at(&mut self, _t_s: f64) -> Option<TrackPoint> {
+        None
     }
 }
 

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::Preset;
+use super::{Preset, carried::CarriedBoardError};
 use crate::synthetic::flight::RecordedFlightsError;
 
 /// What a scene is made from.
@@ -16,6 +16,10 @@ pub struct SceneOptions {
     pub flights: Option<PathBuf>,
     /// Length of the exposure, ns, in place of the preset's or the rig's.
     pub exposure_ns: Option<u64>,
+    /// A calibration board, as `netcord calib board` takes it, carried through the scene in place of play.
+    pub board: Option<String>,
+    /// Its way: a CSV file of poses (`t,x,y,z,rx,ry,rz`), in place of a tour before all cameras.
+    pub board_path: Option<PathBuf>,
 }
 
 /// Why there is no such scene.
@@ -24,4 +28,7 @@ pub enum SceneError {
     /// The flights cannot be used.
     #[error(transparent)]
     Flights(#[from] RecordedFlightsError),
+    /// The board cannot be shown.
+    #[error(transparent)]
+    Board(#[from] CarriedBoardError),
 }

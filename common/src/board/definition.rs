@@ -60,6 +60,8 @@ pub struct CalibrationBoard {
     pub pattern: Pattern,
     /// Whether black and white are swapped, the margin included.
     pub inverted: bool,
+    /// Distance between the two printed sides of a board that has two, m: see [`Self::back`].
+    pub thickness_m: Option<f64>,
 }
 
 /// A board that cannot be.
@@ -72,7 +74,7 @@ pub enum BoardError {
     #[error(
         "board {spec:?}: {what}; valid are chessboard:COLUMNSxROWS:SQUARE (inner corners), \
          aruco:COLUMNSxROWS:DICTIONARY:MARKER:GAP and charuco:COLUMNSxROWS:DICTIONARY:SQUARE:MARKER, with sizes such as 25mm, \
-         and then :inverted, :legacy or :first=ID"
+         and then :inverted, :legacy, :first=ID or :double=THICKNESS"
     )]
     Spec {
         /// What was given.
@@ -122,11 +124,12 @@ impl CalibrationBoard {
     pub fn parse(spec: &str, read: impl Fn(&str) -> Result<String, String>) -> Result<Self, BoardError> {
         let failed = |what: String| BoardError::Spec { spec: spec.to_owned(), what };
         let mut parts: Vec<&str> = spec.split(':').collect();
-        let (mut inverted, mut legacy, mut first_id) = (false, false, 0);
+        let (mut inverted, mut legacy, mut first_id, mut double) = (false, false, 0, None);
         while let Some(last) = parts.last() {
             match *last {
                 "inverted" => inverted = true,
                 "legacy" => legacy = true,
+                other if other.starts_with("double=") => double = other.strip_prefix("double="),
                 other => match other.strip_prefix("first=").map(str::parse) {
                     Some(Ok(id)) => first_id = id,
                     Some(Err(_)) => return Err(failed(format!("{other:?} has no marker number"))),
@@ -142,7 +145,8 @@ impl CalibrationBoard {
                 .find_map(|(u, s)| text.strip_suffix(u).map(|n| (n, s)))
                 .ok_or_else(wrong)?;
             let value: f64 = number.parse().map_err(|_| wrong())?;
-            if value > 0.0 && value < 100.0 { Ok(value * unit) } else { Err(wrong()) }
+            let length_m = value * unit;
+            if length_m > 0.0 && length_m < 100.0 { Ok(length_m) } else { Err(wrong()) }
         };
         let grid = |text: &str, least: usize| -> Result<(usize, usize), BoardError> {
             let parsed = text.split_once('x').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
@@ -192,9 +196,16 @@ impl CalibrationBoard {
             }
             _ => return Err(failed("the kind is unknown".to_owned())),
         };
-        let board = Self { pattern, inverted };
-        let ids: Vec<usize> = board.markers().iter().map(|m| m.id).collect();
-        if let (Some(dictionary), Some(&last)) = (board.dictionary(), ids.last())
+        let thickness_m = double.map(length).transpose()?;
+        let board = Self { pattern, inverted, thickness_m };
+        if thickness_m.is_some() && board.dictionary().is_none() {
+            return Err(failed(
+                "a chessboard looks the same from both sides; a double board needs markers".to_owned(),
+            ));
+        }
+        let back = board.back();
+        let ids: Vec<usize> = back.iter().chain([&board]).flat_map(|b| b.markers()).map(|m| m.id).collect();
+        if let (Some(dictionary), Some(&last)) = (board.dictionary(), ids.iter().max())
             && last >= dictionary.len()
         {
             let end = dictionary.len().saturating_sub(1);
@@ -206,6 +217,26 @@ impl CalibrationBoard {
             });
         }
         Ok(board)
+    }
+
+    /// The other side of a double board: the same pattern with the markers that follow the front's, its
+    /// outline where the front's is. A camera that stands behind the board sees it upright.
+    pub fn back(&self) -> Option<Self> {
+        self.thickness_m?;
+        let mut back = Self { thickness_m: None, ..self.clone() };
+        let markers = self.markers().len();
+        match &mut back.pattern {
+            Pattern::Chessboard { .. } => return None,
+            Pattern::ArucoGrid { first_id, .. } | Pattern::Charuco { first_id, .. } => *first_id += markers,
+        }
+        Some(back)
+    }
+
+    /// Where a point of [`Self::back`], in the back's own frame, lies in this board's frame, m: turned by
+    /// half a turn about y, one thickness behind.
+    pub fn front_from_back(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        let (low, high) = self.extent();
+        Vector3::new(low.x + high.x - point.x, point.y, self.thickness_m.unwrap_or(0.0) - point.z)
     }
 
     /// The dictionary, where the board has markers.
@@ -255,8 +286,16 @@ impl CalibrationBoard {
 
     /// All calibration points in the board's frame, in metres; the place in the list is the corner's id.
     /// Chessboard and ChArUco: inner corners along the rows. ArUco grid: four corners of each marker,
-    /// clockwise from its top left.
+    /// clockwise from its top left. The back's, where there is one, follow the front's.
     pub fn corners(&self) -> Vec<Vector3<f64>> {
+        let mut corners = self.front_corners();
+        if let Some(back) = self.back() {
+            corners.extend(back.front_corners().iter().map(|p| self.front_from_back(p)));
+        }
+        corners
+    }
+
+    fn front_corners(&self) -> Vec<Vector3<f64>> {
         match &self.pattern {
             Pattern::Chessboard { columns, rows, square_m } => lattice(*columns, *rows, *square_m, 0.0),
             Pattern::Charuco { columns, rows, square_m, .. } => {
@@ -342,6 +381,17 @@ impl CalibrationBoard {
         Some(self.is_white_inside(at, &low, &high) != self.inverted)
     }
 
+    /// White squares before square (x, y), row by row. Two rows that follow each other have as many white
+    /// squares as black ones.
+    fn white_squares_before(&self, columns: usize, x: usize, y: usize) -> usize {
+        let in_row = |row: usize, squares: usize| {
+            let white_first = !self.is_black_square(0, row);
+            (squares + usize::from(white_first)) / 2
+        };
+        let odd = if y % 2 == 1 { in_row(y - 1, columns) } else { 0 };
+        y / 2 * columns + odd + in_row(y, x)
+    }
+
     fn is_white_inside(&self, at: &Vector2<f64>, low: &Vector2<f64>, high: &Vector2<f64>) -> bool {
         if at.x < low.x || at.y < low.y || at.x >= high.x || at.y >= high.y {
             return true;
@@ -368,8 +418,7 @@ impl CalibrationBoard {
                 if self.is_black_square(x, y) {
                     return false;
                 }
-                let before =
-                    (0..y * columns + x).filter(|i| !self.is_black_square(i % columns, i / columns)).count();
+                let before = self.white_squares_before(*columns, x, y);
                 let origin = Vector2::new(x as f64, y as f64) * *square_m
                     + Vector2::repeat((square_m - marker_m) / 2.0);
                 in_marker(origin, *marker_m, first_id + before).unwrap_or(true)
@@ -427,7 +476,10 @@ impl fmt::Display for CalibrationBoard {
                 }
             }
         }
-        if self.inverted { f.write_str(":inverted") } else { Ok(()) }
+        if self.inverted {
+            f.write_str(":inverted")?;
+        }
+        self.thickness_m.map_or(Ok(()), |t| write!(f, ":double={}", mm(t)))
     }
 }
 
@@ -446,6 +498,7 @@ mod tests {
             "aruco:5x7:DICT_6X6_250:40mm:10mm:first=3",
             "charuco:4x5:DICT_4X4_1000:54mm:40.5mm:inverted",
             "charuco:11x8:DICT_5X5_250:30mm:22mm:legacy",
+            "aruco:4x3:DICT_4X4_50:80mm:20mm:double=6mm",
         ] {
             assert_eq!(parse(spec).expect(spec).to_string(), spec);
         }
@@ -458,6 +511,8 @@ mod tests {
             ("aruco:5x7:DICT_X:40mm:10mm", "DICT_6X6_250"),
             ("aruco:9x9:DICT_4X4_50:40mm:10mm", "ends at 49"),
             ("aruco:5x7:own.yml:40mm:10mm", "no file here"),
+            ("chessboard:9x6:25mm:double=5mm", "both sides"),
+            ("aruco:5x6:DICT_4X4_50:40mm:10mm:double=5mm", "ends at 49"),
         ] {
             let error = parse(spec).expect_err(spec).to_string();
             assert!(error.contains(says), "{spec}: {error}");
@@ -483,6 +538,20 @@ mod tests {
                 assert_eq!(board.is_white(&at, 0.0), Some(black == board.inverted), "{spec} at {at}");
             }
         }
+    }
+
+    #[test]
+    fn the_back_of_a_double_board_lies_behind_its_front() {
+        let board = parse("charuco:5x4:DICT_4X4_50:40mm:30mm:double=6mm").expect("valid");
+        let back = board.back().expect("double");
+        assert_eq!(back.markers()[0].id, board.markers().len());
+        let corners = board.corners();
+        assert_eq!(corners.len(), 24);
+        // The back's first corner, at its top left, is at the front's top right, one thickness away.
+        assert!((corners[12] - Vector3::new(0.16, 0.04, 0.006)).norm() < 1e-12, "{}", corners[12]);
+        // The turn keeps handedness: x to the left, y kept, z towards the front.
+        let (x, y, z) = (corners[13] - corners[12], corners[16] - corners[12], Vector3::new(0.0, 0.0, -1.0));
+        assert!(x.cross(&y).dot(&z) > 0.0);
     }
 
     #[test]
