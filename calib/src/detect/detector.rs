@@ -7,6 +7,7 @@ use super::{
     lattice,
     luma::Luma,
     markers::Marker,
+    quads::Quad,
 };
 use crate::{
     board::{CalibrationBoard, Dictionary, Pattern},
@@ -17,6 +18,8 @@ use crate::{
 #[derive(Debug, Clone)]
 pub struct Detector {
     board: CalibrationBoard,
+    /// What is printed on the front, and on the back where there is something.
+    sides: Vec<CalibrationBoard>,
     points: Vec<Vector3<f64>>,
 }
 
@@ -57,7 +60,8 @@ const LEAST_CORNERS: usize = 5;
 impl Detector {
     /// For `board`.
     pub fn new(board: CalibrationBoard) -> Self {
-        Self { points: board.corners(), board }
+        let front = CalibrationBoard { thickness_m: None, ..board.clone() };
+        Self { points: board.corners(), sides: std::iter::once(front).chain(board.back()).collect(), board }
     }
 
     /// The board that it looks for.
@@ -79,28 +83,23 @@ impl Detector {
         } else {
             image
         };
-        let view = match &self.board.pattern {
-            Pattern::Chessboard { columns, rows, .. } => {
-                let board = lattice::find(image, *columns, *rows, depth)?;
-                // A lattice much smaller than the board is something else.
-                if board.corners.len() * 4 < columns * rows {
-                    return None;
-                }
-                BoardView { corners: board.corners, markers: Vec::new(), anchored: board.anchored }
+        let quads = if self.board.dictionary().is_some() { quads_of(image, depth) } else { Vec::new() };
+        // A camera sees one side only: the one of which more is found.
+        let mut first_corner = 0;
+        let mut best: Option<BoardView> = None;
+        for side in &self.sides {
+            let found = find_side(image, side, depth, &quads).map(|mut view| {
+                view.corners.iter_mut().for_each(|c| c.id += first_corner);
+                view
+            });
+            first_corner += self.points.len() / self.sides.len();
+            if let Some(found) = found
+                && best.as_ref().is_none_or(|b| found.corners.len() > b.corners.len())
+            {
+                best = Some(found);
             }
-            Pattern::ArucoGrid { .. } => {
-                let markers = board_markers(image, &quads_of(image, depth), &self.board);
-                let corners = grid_corners(image, &markers, &self.board, depth);
-                BoardView { corners, markers, anchored: true }
-            }
-            Pattern::Charuco { .. } => {
-                let markers = board_markers(image, &quads_of(image, depth), &self.board);
-                let corners = charuco_corners(image, &markers, &self.board);
-                BoardView { corners, markers, anchored: true }
-            }
-        };
-        let least = if matches!(self.board.pattern, Pattern::ArucoGrid { .. }) { 4 } else { LEAST_CORNERS };
-        (view.corners.len() >= least).then_some(view)
+        }
+        best
     }
 
     /// Why `image` has no board: looks for other dictionaries, inverted boards and other sizes.
@@ -153,6 +152,32 @@ impl Detector {
     pub fn outline(found: &BoardView) -> Vec<Vector2<f64>> {
         convex_hull(found.corners.iter().map(|c| c.at).collect())
     }
+}
+
+/// One printed side in `image`, corners counted from its own first.
+fn find_side(image: &Luma, side: &CalibrationBoard, depth: Depth, quads: &[Quad]) -> Option<BoardView> {
+    let view = match &side.pattern {
+        Pattern::Chessboard { columns, rows, .. } => {
+            let board = lattice::find(image, *columns, *rows, depth)?;
+            // A lattice much smaller than the board is something else.
+            if board.corners.len() * 4 < columns * rows {
+                return None;
+            }
+            BoardView { corners: board.corners, markers: Vec::new(), anchored: board.anchored }
+        }
+        Pattern::ArucoGrid { .. } => {
+            let markers = board_markers(image, quads, side);
+            let corners = grid_corners(image, &markers, side, depth);
+            BoardView { corners, markers, anchored: true }
+        }
+        Pattern::Charuco { .. } => {
+            let markers = board_markers(image, quads, side);
+            let corners = charuco_corners(image, &markers, side);
+            BoardView { corners, markers, anchored: true }
+        }
+    };
+    let least = if matches!(side.pattern, Pattern::ArucoGrid { .. }) { 4 } else { LEAST_CORNERS };
+    (view.corners.len() >= least).then_some(view)
 }
 
 /// The convex hull, counter-clockwise for y up (Andrew's monotone chain).

@@ -94,6 +94,16 @@ pub enum CalibrationError {
         /// RMS where it stopped.
         rms_px: f64,
     },
+    /// A point of a view that the solved camera cannot see.
+    #[error(
+        "camera {camera}, view {view}: a corner lies where the lens found has no image; most likely corners of this view are mixed up: leave it out"
+    )]
+    NoImage {
+        /// The camera.
+        camera: String,
+        /// The view.
+        view: String,
+    },
     /// Cameras without common views.
     #[error(
         "camera {camera} shares no usable view with {others}, not even through other cameras: show one board to both at once"

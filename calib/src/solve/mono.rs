@@ -172,7 +172,7 @@ pub fn calibrate_mono(
     if pinhole_free && spread_deg < MIN_TILT_SPREAD_DEG {
         return Err(CalibrationError::Alike { camera: name(), spread_deg });
     }
-    let views = fits(&bundle, &fitted, 0);
+    let views = fits(&bundle, &fitted, &camera.name)?;
     let squares: f64 = views.iter().flat_map(|v| &v.residuals).map(Vector2::norm_squared).sum();
     let rms_px = (squares / bundle.points() as f64).sqrt();
     if !solution.converged {
@@ -263,18 +263,25 @@ pub(crate) fn sightings_of(camera: usize, views: &[View], first: usize) -> Vec<S
         .collect()
 }
 
-fn fits(bundle: &Bundle<6, Transform<World, Board>>, views: &[View], first: usize) -> Vec<ViewFit> {
+fn fits(
+    bundle: &Bundle<6, Transform<World, Board>>,
+    views: &[View],
+    camera: &str,
+) -> Result<Vec<ViewFit>, CalibrationError> {
     views
         .iter()
         .zip(&bundle.sightings)
-        .enumerate()
-        .map(|(i, (view, sighting))| {
-            let board = &bundle.blocks[first + i];
-            ViewFit {
+        .zip(&bundle.blocks)
+        .map(|((view, sighting), board)| {
+            let residuals = bundle.residuals(sighting).ok_or_else(|| CalibrationError::NoImage {
+                camera: camera.to_owned(),
+                view: view.name.clone(),
+            })?;
+            Ok(ViewFit {
                 name: view.name.clone(),
                 camera_from_board: &bundle.cameras[0].camera_from_rig * board,
-                residuals: bundle.residuals(sighting).unwrap_or_default(),
-            }
+                residuals,
+            })
         })
         .collect()
 }

@@ -254,10 +254,7 @@ impl Report {
                 .map(|r| RejectedReport {
                     view: r.view.clone(),
                     camera: r.camera.clone(),
-                    reason: format!(
-                        "{:.2} px RMS against the rest of the rig: not simultaneous, or corners mixed up",
-                        r.rms_px
-                    ),
+                    reason: r.reason(),
                 })
                 .collect(),
         }

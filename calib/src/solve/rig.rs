@@ -62,8 +62,20 @@ pub struct RejectedView {
     pub view: String,
     /// Its camera; `None` when only two cameras saw it, so that nobody knows which is wrong.
     pub camera: Option<String>,
-    /// RMS against the rest of the rig, in px.
+    /// RMS against the rest of the rig, in px; infinite where a corner would have no image at all.
     pub rms_px: f64,
+}
+
+impl RejectedView {
+    /// Why, in words.
+    pub fn reason(&self) -> String {
+        let off = if self.rms_px.is_finite() {
+            format!("{:.2} px RMS against the rest of the rig", self.rms_px)
+        } else {
+            "behind a camera, by the rest of the rig".to_owned()
+        };
+        format!("{off}: not simultaneous, or corners mixed up")
+    }
 }
 
 /// A calibrated rig.
@@ -183,12 +195,15 @@ pub fn calibrate_rig(
     let views: Vec<RigViewFit> = bundle
         .sightings
         .iter()
-        .map(|s| RigViewFit {
-            camera: s.camera,
-            view: names[view_of_block[s.block]].clone(),
-            residuals: bundle.residuals(s).unwrap_or_default(),
+        .map(|s| {
+            let view = names[view_of_block[s.block]].clone();
+            let residuals = bundle.residuals(s).ok_or_else(|| CalibrationError::NoImage {
+                camera: cameras[s.camera].name.clone(),
+                view: view.clone(),
+            })?;
+            Ok(RigViewFit { camera: s.camera, view, residuals })
         })
-        .collect();
+        .collect::<Result<_, CalibrationError>>()?;
     let squares: f64 = views.iter().flat_map(|v| &v.residuals).map(Vector2::norm_squared).sum();
     let rms_px = (squares / bundle.points() as f64).sqrt();
     if !solution.converged {
@@ -347,13 +362,11 @@ fn reject(
         let rms: Vec<f64> = bundle
             .sightings
             .iter()
+            // A view with a point that has no image contradicts the rest more than any number of pixels.
             .map(|s| {
-                let r = bundle.residuals(s).unwrap_or_default();
-                if r.is_empty() {
-                    1e6
-                } else {
-                    (r.iter().map(Vector2::norm_squared).sum::<f64>() / r.len() as f64).sqrt()
-                }
+                bundle.residuals(s).map_or(f64::INFINITY, |r| {
+                    (r.iter().map(Vector2::norm_squared).sum::<f64>() / r.len().max(1) as f64).sqrt()
+                })
             })
             .collect();
         let mut sorted = rms.clone();

@@ -166,7 +166,7 @@ fn print_rig(rig: &RigCalibration) {
     }
     for r in &rig.rejected {
         let camera = r.camera.as_deref().unwrap_or("both cameras");
-        println!("  rejected: view {} of {camera}: {:.2} px RMS against the rest", r.view, r.rms_px);
+        println!("  rejected: view {} of {camera}: {}", r.view, r.reason());
     }
     for o in &rig.outliers {
         println!("  outlier: view {}, point {}: {:.2} px", o.view, o.point, o.residual_px);
