@@ -44,6 +44,8 @@ enum Command {
     Up(commands::up::Args),
     /// Publish frames of all cameras: of a synthetic scene.
     Capture(commands::capture::Args),
+    /// Ask a running capture to change exposure or gain, to start or to stop.
+    Control(commands::control::Args),
     /// Find what may be the ball in each camera's frames.
     Segment(commands::segment::Args),
     /// Find the ball's position at each trigger from the detections of all cameras.
@@ -94,6 +96,7 @@ impl Cli {
             Command::Demo(args) => commands::demo::run(&args),
             Command::Up(args) => commands::up::run(&args),
             Command::Capture(args) => commands::capture::run(&args),
+            Command::Control(args) => commands::control::run(&args),
             Command::Segment(args) => commands::segment::run(&args),
             Command::Triangulate(args) => commands::triangulate::run(&args),
             Command::Predict(args) => commands::predict::run(&args),

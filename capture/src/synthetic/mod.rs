@@ -1,6 +1,7 @@
 //! A scene that never ends, rendered into frames: rallies, or recorded flights, in a hall with all that
 //! makes a ball hard to find; with the truth, and with faults on demand.
 
+mod control;
 mod faults;
 pub mod flight;
 mod pool;

@@ -2,7 +2,7 @@ use netcord_common::wire::CameraTruth;
 
 use super::{
     flight::TrackPoint,
-    render::{Exposure, FrameRenderer, TILE},
+    render::{Exposure, FrameRenderer, TILE, TileGrid},
 };
 
 /// Frames rendered beforehand, for rates at which rendering would be what is measured.
@@ -14,8 +14,7 @@ use super::{
 /// slot to the next (slots differ from each other), and the light is steady.
 #[derive(Debug)]
 pub struct FramePool {
-    width: usize,
-    height: usize,
+    grid: TileGrid,
     /// Noisy backdrops; slots take turns.
     backdrops: Vec<Vec<u8>>,
     frames: Vec<PooledFrame>,
@@ -49,6 +48,7 @@ impl FramePool {
     /// Renders `count` frames, `interval_s` apart from the scene's beginning.
     pub fn new(renderer: &mut FrameRenderer, count: usize, interval_s: f64, length_s: f64) -> Self {
         let (width, height) = renderer.size();
+        let grid = TileGrid { width, height };
         let mut whole = vec![0; width * height];
         let backdrops = (0..BACKDROPS)
             .map(|i| {
@@ -60,11 +60,11 @@ impl FramePool {
         let frames = (0..count.max(1))
             .map(|n| {
                 let exposure = Exposure { frame: n as u64, mid_s: n as f64 * interval_s, length_s };
-                let truth = renderer.render_changes(&exposure, &mut whole);
-                let tiles = renderer.tiles().to_vec();
+                let mut tiles = Vec::new();
+                let truth = renderer.render_changes(&exposure, &mut whole, &mut tiles);
                 let mut bytes = vec![0; tiles.len() * TILE * TILE];
                 for (tile, bytes) in tiles.iter().zip(bytes.chunks_exact_mut(TILE * TILE)) {
-                    let (xs, ys) = pixels(*tile, width, height);
+                    let (xs, ys) = grid.pixels(*tile);
                     for (y, row) in ys.zip(bytes.chunks_exact_mut(TILE)) {
                         row[..xs.len()].copy_from_slice(&whole[y * width + xs.start..y * width + xs.end]);
                     }
@@ -72,7 +72,7 @@ impl FramePool {
                 PooledFrame { tiles, bytes, truth, ball: renderer.ball_at(exposure.mid_s) }
             })
             .collect();
-        Self { width, height, backdrops, frames, slots: Vec::with_capacity(MAX_SLOTS) }
+        Self { grid, backdrops, frames, slots: Vec::with_capacity(MAX_SLOTS) }
     }
 
     /// Makes a slot hold frame `n`, counted round and round.
@@ -85,7 +85,7 @@ impl FramePool {
                 self.slots.clear();
             }
             let backdrop = self.slots.len() % BACKDROPS;
-            slot[..self.width * self.height].copy_from_slice(&self.backdrops[backdrop]);
+            slot[..self.grid.width * self.grid.height].copy_from_slice(&self.backdrops[backdrop]);
             self.slots.push(SlotState { address, backdrop, frame });
             self.slots.len() - 1
         });
@@ -93,9 +93,9 @@ impl FramePool {
         if known.is_some() {
             let backdrop = &self.backdrops[state.backdrop];
             for tile in &self.frames[state.frame].tiles {
-                let (xs, ys) = pixels(*tile, self.width, self.height);
+                let (xs, ys) = self.grid.pixels(*tile);
                 for y in ys {
-                    let row = y * self.width + xs.start..y * self.width + xs.end;
+                    let row = y * self.grid.width + xs.start..y * self.grid.width + xs.end;
                     slot[row.clone()].copy_from_slice(&backdrop[row]);
                 }
             }
@@ -103,9 +103,10 @@ impl FramePool {
         state.frame = frame;
         let frame = &self.frames[frame];
         for (tile, bytes) in frame.tiles.iter().zip(frame.bytes.chunks_exact(TILE * TILE)) {
-            let (xs, ys) = pixels(*tile, self.width, self.height);
+            let (xs, ys) = self.grid.pixels(*tile);
             for (y, row) in ys.zip(bytes.chunks_exact(TILE)) {
-                slot[y * self.width + xs.start..y * self.width + xs.end].copy_from_slice(&row[..xs.len()]);
+                slot[y * self.grid.width + xs.start..y * self.grid.width + xs.end]
+                    .copy_from_slice(&row[..xs.len()]);
             }
         }
         frame.truth
@@ -124,10 +125,4 @@ impl FramePool {
     fn frame(&self, n: u64) -> &PooledFrame {
         &self.frames[(n % self.frames.len() as u64) as usize]
     }
-}
-
-fn pixels(tile: u32, width: usize, height: usize) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
-    let columns = width.div_ceil(TILE);
-    let (tx, ty) = (tile as usize % columns, tile as usize / columns);
-    (tx * TILE..((tx + 1) * TILE).min(width), ty * TILE..((ty + 1) * TILE).min(height))
 }

@@ -1,23 +1,15 @@
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicU64, Ordering},
-    },
-    thread,
-};
+use std::{sync::Arc, thread};
 
 use netcord_common::{
     Clock, MonotonicClock, Shutdown,
     bus::{BusError, FrameSlot},
     rig::{CameraIndex, Rig, RigCamera},
-    wire::{
-        BallTruth, CameraTruth, ControlCommand, ControlRequest, ControlResponse, ControlStatus, FrameHeader,
-        Stamps,
-    },
+    wire::{BallTruth, CameraTruth, FrameHeader, Stamps},
 };
 use thiserror::Error;
 
 use super::{
+    control::Control,
     faults::{self, Fault, FaultError, FaultPlan},
     pool::FramePool,
     render::{Exposure, FrameRenderer},
@@ -27,7 +19,7 @@ use super::{
 use crate::{
     pace::{sleep_until, wake_precisely},
     sink::{FrameSink, LossReason},
-    source::{FrameSource, SourceControl, SourceError, response},
+    source::{FrameSource, SourceControl, SourceError},
 };
 
 /// How the synthetic source runs.
@@ -76,7 +68,11 @@ pub struct SyntheticSource {
 #[derive(Debug)]
 struct Stand {
     camera: RigCamera,
+    /// What is in force.
     exposure_ns: u64,
+    /// What the scene's light is made for.
+    native_ns: u64,
+    native_gain_db: f64,
     renderer: FrameRenderer,
     pool: Option<FramePool>,
     plan: FaultPlan,
@@ -95,7 +91,7 @@ impl SyntheticSource {
         }
         let interval_ns = (1e9 / rate_hz).round() as u64;
         let scene = Arc::new(Scene::new(rig, &options.scene)?);
-        let cameras = rig
+        let cameras: Vec<Stand> = rig
             .cameras
             .iter()
             .map(|camera| {
@@ -106,47 +102,19 @@ impl SyntheticSource {
                     FramePool::new(&mut renderer, count, interval_ns as f64 * 1e-9, exposure_ns as f64 * 1e-9)
                 });
                 let plan = FaultPlan::of(&options.faults, rig, camera.index, scene.seed);
-                Stand { camera: camera.clone(), exposure_ns, renderer, pool, plan }
+                let (camera, native_ns) = (camera.clone(), exposure_ns);
+                Stand { native_gain_db: camera.gain_db, camera, exposure_ns, native_ns, renderer, pool, plan }
             })
             .collect();
-        let control = Arc::new(Control { running: AtomicBool::new(true), last_trigger: AtomicU64::new(0) });
+        let settings = cameras.iter().map(|stand| (stand.exposure_ns, stand.camera.gain_db));
+        let longest_ns = interval_ns * 9 / 10;
+        let control = Arc::new(Control::new(settings, longest_ns, options.prerendered.is_some()));
         Ok(Self { rig: rig.clone(), scene, options, interval_ns, cameras, control })
     }
 
     /// The scene.
     pub const fn scene(&self) -> &Arc<Scene> {
         &self.scene
-    }
-}
-
-/// What requests change and ask for.
-#[derive(Debug)]
-struct Control {
-    running: AtomicBool,
-    last_trigger: AtomicU64,
-}
-
-impl SourceControl for Control {
-    fn control(&self, request: &ControlRequest) -> ControlResponse {
-        let mut answer = match ControlCommand::from_code(request.command) {
-            Some(ControlCommand::Start) => {
-                self.running.store(true, Ordering::Relaxed);
-                response(ControlStatus::Done, "")
-            }
-            Some(ControlCommand::Stop) => {
-                self.running.store(false, Ordering::Relaxed);
-                response(ControlStatus::Done, "")
-            }
-            Some(ControlCommand::Status) => response(ControlStatus::Done, "a synthetic scene"),
-            Some(_) => response(
-                ControlStatus::NotSupported,
-                "a synthetic scene knows start, stop and status; exposure and rate are options of `netcord capture`",
-            ),
-            None => response(ControlStatus::Invalid, "this command is not known to this version"),
-        };
-        answer.running = u32::from(self.running.load(Ordering::Relaxed));
-        answer.trigger_id = self.last_trigger.load(Ordering::Relaxed);
-        answer
     }
 }
 
@@ -246,6 +214,7 @@ impl Stand {
                 self.miss(n, shift)?;
                 n += 1;
             }
+            self.adjust(shift.control);
             self.expose(n, shift, &mut held)?;
             n += 1;
         }
@@ -255,8 +224,18 @@ impl Stand {
         Ok(())
     }
 
+    /// Takes over what has been asked for.
+    fn adjust(&mut self, control: &Control) {
+        let (exposure_ns, gain_db) = control.settings(self.camera.index);
+        if exposure_ns != self.exposure_ns || gain_db != self.camera.gain_db {
+            (self.exposure_ns, self.camera.gain_db) = (exposure_ns, gain_db);
+            let amplification = 10.0_f64.powf((gain_db - self.native_gain_db) / 20.0);
+            self.renderer.set_sensitivity(exposure_ns as f64 / self.native_ns as f64, amplification);
+        }
+    }
+
     fn miss(&mut self, n: u64, shift: &Shift<'_>) -> Result<(), BusError> {
-        if !shift.control.running.load(Ordering::Relaxed) {
+        if !shift.control.is_running() {
             return Ok(());
         }
         let exposure = self.exposure(n, 0, shift);
@@ -274,11 +253,11 @@ impl Stand {
         let fate = self.plan.fate(n);
         let mid_ns = shift.mid_ns(n).saturating_add_signed(fate.desync_ns);
         let complete_ns = mid_ns + self.exposure_ns / 2 + shift.transfer_ns;
-        if !shift.control.running.load(Ordering::Relaxed) {
+        if !shift.control.is_running() {
             sleep_until(complete_ns, shift.stop);
             return Ok(());
         }
-        shift.control.last_trigger.fetch_max(trigger_id, Ordering::Relaxed);
+        shift.control.triggered(trigger_id);
 
         let exposure = self.exposure(n, fate.desync_ns, shift);
         let bytes = self.camera.model.width as usize * self.camera.model.height as usize;
@@ -411,7 +390,10 @@ impl Stand {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
+    use std::{
+        sync::atomic::{AtomicBool, Ordering},
+        time::Duration,
+    };
 
     use netcord_common::{
         Counters, DomainName,

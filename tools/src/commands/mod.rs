@@ -5,6 +5,7 @@ pub mod calib;
 pub mod cameras;
 pub mod capture;
 pub mod compare;
+pub mod control;
 pub mod demo;
 pub mod doctor;
 pub mod import;

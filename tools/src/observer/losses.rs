@@ -93,9 +93,12 @@ impl Losses {
     }
 }
 
-/// Whether a counter of `rig/health` counts something that went missing.
+/// Whether a counter of `rig/health`, `process/counter` or `process/camera/counter`, counts something that went
+/// missing.
 fn is_loss(name: &str) -> bool {
-    ["lost", "late", "dropped", "unsynchronised", "incomplete"].iter().any(|word| name.contains(word))
+    let counter = name.rsplit('/').next().unwrap_or(name);
+    let words = ["lost", "late", "dropped", "refused", "unsynchronised", "incomplete"];
+    counter.split('_').any(|word| words.contains(&word))
 }
 
 /// Frames, by what became of them.
@@ -114,6 +117,16 @@ pub struct FrameReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_counters_of_what_went_missing_are_losses() {
+        for loss in ["capture/lost_no_slot", "segment/left/frames_lost", "triangulate/detections_late"] {
+            assert!(is_loss(loss), "{loss}");
+        }
+        for other in ["triangulate/positions", "triangulate/allocations", "capture/framesets_complete"] {
+            assert!(!is_loss(other), "{other}");
+        }
+    }
 
     fn seen(session: u64, frames_lost: u64) -> Detections {
         Detections { session, frames_lost, ..Detections::default() }

@@ -5,10 +5,7 @@ use netcord_common::{
 };
 use rayon::prelude::*;
 
-use super::{
-    canvas::{Rect, channels},
-    rays::TILE,
-};
+use super::{Rect, TILE, channels};
 use crate::synthetic::{
     flight::{NET_HALF_WIDTH_M, NET_HEIGHT_M},
     scene::{Rgb, Scene},
@@ -20,14 +17,17 @@ pub struct Backdrop {
     /// Mean level of each pixel of the mosaic in full light, DN.
     pub means: Vec<u8>,
     /// Depth (camera z) of each pixel, in [`DEPTH_UNIT_M`].
-    depths: Vec<u16>,
+    pub depths: Vec<u16>,
     /// Pixels in which the net may be.
     pub net: Option<Rect>,
     width: usize,
 }
 
+/// A ball on the table touches it: what is less behind than this is not behind.
+pub const SLACK_M: f64 = 0.004;
+
 /// 16 metres fit.
-const DEPTH_UNIT_M: f64 = 0.25e-3;
+pub const DEPTH_UNIT_M: f64 = 0.25e-3;
 
 /// Spacing of the places whose rays are computed; those between are interpolated, which is off by
 /// 0.01 px at the corners: still scenery needs no more.
@@ -50,8 +50,6 @@ impl Backdrop {
 
     /// Whether something that stands still hides what lies at this depth in this pixel.
     pub fn hides(&self, x: usize, y: usize, depth_m: f64) -> bool {
-        /// A ball on the table touches it: what is less behind than this is not behind.
-        const SLACK_M: f64 = 0.004;
         depth_m > f64::from(self.depths[y * self.width + x]) * DEPTH_UNIT_M + SLACK_M
     }
 

@@ -5,7 +5,7 @@ use netcord_common::{
     geometry::{Board, Camera, Point, Transform, World},
 };
 
-use super::{canvas::Rect, noise::hash};
+use super::{Canvas, Exposure, Rect, View, hash};
 use crate::synthetic::scene::{CarriedBoard, Light, Scene};
 
 /// Samples of a pixel along each direction, where the board's pattern changes inside it.
@@ -182,6 +182,34 @@ impl<'a> BoardImage<'a> {
                 back.is_white(&mirrored, margin).map(|white| usize::from(!white))
             }
             None => inside.then_some(2),
+        }
+    }
+}
+
+/// Paints a board onto the canvas, over what is there.
+pub fn paint_board(
+    (scene, carried): (&Scene, &CarriedBoard),
+    view: &mut View,
+    exposure: &Exposure,
+    canvas: &mut Canvas,
+    gain: f32,
+) {
+    let times = (exposure.mid_s, exposure.length_s);
+    let Some(image) = BoardImage::new(scene, carried, &view.model, &view.camera_from_world, times) else {
+        return;
+    };
+    canvas.open(&image.rect, &view.backdrop.means, gain);
+    let Rect { x0, y0, x1, y1 } = image.rect;
+    view.rays.make_known(&Rect { x0: x0 - 1, y0: y0 - 1, x1: x1 + 1, y1: y1 + 1 });
+    let (columns, rows) = image.rect.within(view.grid.width, view.grid.height);
+    for y in rows {
+        for x in columns.clone() {
+            let channel = view.channel(x, y);
+            let Some(share) = image.pixel(x, y, &view.rays.field(x, y), channel) else { continue };
+            if !view.backdrop.hides(x, y, share.depth_m) {
+                let mean = canvas.mean_mut(x, y);
+                *mean = *mean * (1.0 - share.coverage) + share.light * share.coverage * gain;
+            }
         }
     }
 }

@@ -1,24 +1,15 @@
+use std::sync::Arc;
+
 use nalgebra::{Vector2, Vector3};
-use netcord_common::{
-    camera::CameraModel,
-    geometry::{Camera, Point, Transform, World},
-    rig::RigCamera,
-    wire::CameraTruth,
-};
-use std::{ops::Range, sync::Arc};
+use netcord_common::{geometry::Point, rig::RigCamera, wire::CameraTruth};
 
 use super::{
-    backdrop::Backdrop,
-    board::BoardImage,
-    canvas::{Canvas, Rect},
-    layer::{Layer, Share},
-    noise::{Developer, hash},
-    outline::{Outline, Seen},
-    rays::{RayTable, TILE},
+    Canvas, Developer, Layer, Outline, Painter, Set, View, board::paint_board, cast_shadows, hash,
+    noise::Brightness,
 };
 use crate::synthetic::{
-    flight::{BallTrack, TABLE_HALF_LENGTH_M, TABLE_HALF_WIDTH_M, TrackPoint},
-    scene::{Body, CarriedBoard, Paint, Scene, Texture},
+    flight::{BallTrack, TrackPoint},
+    scene::{Body, Scene},
 };
 
 /// One exposure of one camera, in scene time.
@@ -38,32 +29,15 @@ pub struct FrameRenderer {
     scene: Arc<Scene>,
     track: Box<dyn BallTrack>,
     view: View,
+    set: Set,
     developer: Developer,
+    /// The tiles about the ball and its shadows.
     canvas: Canvas,
-    actors: Vec<Actor>,
-    /// Places of the actors in the picture, the farthest first.
-    order: Vec<usize>,
+    painter: Painter,
     ball: Vec<Outline>,
     ball_layer: Layer,
-}
-
-/// The camera, and what stands still before it.
-#[derive(Debug)]
-struct View {
-    model: CameraModel,
-    camera_from_world: Transform<Camera, World>,
-    rays: RayTable,
-    backdrop: Backdrop,
-}
-
-/// A body that is not the ball. What it adds to the picture is kept and only renewed 5 to 50 times a
-/// second, each body's at its own instants: players are large, and slow beside the ball.
-#[derive(Debug, Default)]
-struct Actor {
-    /// Which of its instants the layer is of.
-    step: Option<i64>,
-    outline: Option<Outline>,
-    layer: Layer,
+    /// Brightness against what the scene's exposure and no amplification give, and the amplification.
+    sensitivity: (f64, f64),
 }
 
 /// The ball's path over an exposure is sampled every pixel: with the pixel's and the lens's blur, which
@@ -71,32 +45,25 @@ struct Actor {
 const SAMPLE_PX: f64 = 1.0;
 const MAX_SAMPLES: usize = 200;
 
-/// Full light, as a gain in 1/256.
-const FULL: u16 = 256;
-
 /// Room for a ball of 60 px blurred over 200 px.
 const LAYER_PIXELS: usize = 260 * 260;
 
 impl FrameRenderer {
     /// For `camera` in `scene`. Renders the backdrop, on all cores.
     pub fn new(scene: &Arc<Scene>, camera: &RigCamera) -> Self {
-        let (width, height) = (camera.model.width as usize, camera.model.height as usize);
         let seed = hash(scene.seed ^ hash(camera.index.code().into()));
+        let view = View::new(scene, camera);
         Self {
             track: scene.track(),
-            view: View {
-                model: camera.model,
-                camera_from_world: camera.camera_from_world,
-                rays: RayTable::new(&camera.model),
-                backdrop: Backdrop::new(scene, camera),
-            },
+            set: Set::new(scene, &view),
             developer: Developer::new(&scene.noise, seed),
-            canvas: Canvas::new(width, height, camera.pixel_format),
-            actors: (0..scene.cast.size()).map(|_| Actor::default()).collect(),
-            order: Vec::with_capacity(scene.cast.size()),
+            canvas: Canvas::new(view.grid),
+            painter: Painter::new(view.grid.width),
             ball: Vec::with_capacity(MAX_SAMPLES),
             ball_layer: Layer::with_room(LAYER_PIXELS),
+            sensitivity: (1.0, 1.0),
             scene: Arc::clone(scene),
+            view,
         }
     }
 
@@ -105,48 +72,67 @@ impl FrameRenderer {
     /// # Panics
     /// When `out` is shorter than the frame.
     pub fn render(&mut self, exposure: &Exposure, out: &mut [u8]) -> CameraTruth {
-        let gain = self.gain(exposure);
-        self.develop_backdrop(exposure.frame, gain, out);
-        let truth = self.compose(exposure, gain);
-        self.develop_tiles(exposure.frame, out);
+        let light = self.light(exposure);
+        let truth = self.compose(exposure, &light);
+        self.develop(exposure.frame, &light, self.set.means(), out);
+        self.develop_canvas(exposure.frame, out);
         truth
     }
 
     /// Renders only what stands still, in full light; `frame` settles the noise.
     pub fn render_backdrop(&self, frame: u64, out: &mut [u8]) {
-        self.develop_backdrop(frame, FULL, out);
+        self.develop(frame, &self.developer.full(), &self.view.backdrop.means, out);
     }
 
-    /// Renders, in full light, only the tiles in which something moves; [`Self::tiles`] tells which.
-    pub fn render_changes(&mut self, exposure: &Exposure, out: &mut [u8]) -> CameraTruth {
-        let truth = self.compose(exposure, FULL);
-        self.develop_tiles(exposure.frame, out);
+    /// Renders, in full light, only the tiles that differ from the backdrop, and lists them in `tiles`.
+    pub fn render_changes(
+        &mut self,
+        exposure: &Exposure,
+        out: &mut [u8],
+        tiles: &mut Vec<u32>,
+    ) -> CameraTruth {
+        let light = self.developer.full();
+        let truth = self.compose(exposure, &light);
+        tiles.clear();
+        tiles.extend(self.set.dressed().filter(|tile| !self.canvas.is_open(*tile)));
+        let width = self.view.grid.width;
+        for tile in tiles.iter() {
+            let (xs, ys) = self.view.grid.pixels(*tile);
+            for y in ys {
+                let row = y * width + xs.start..y * width + xs.end;
+                let noise = &self.developer.row_noise(exposure.frame, y, width)[xs.clone()];
+                self.developer.row(&light, &self.set.means()[row.clone()], noise, &mut out[row]);
+            }
+        }
+        tiles.extend_from_slice(self.canvas.tiles());
+        self.develop_canvas(exposure.frame, out);
         truth
     }
 
-    /// The tiles, of [`super::TILE`] px, row by row, that the last frame changed against the backdrop.
-    pub fn tiles(&self) -> &[u32] {
-        self.canvas.tiles()
+    /// From now on exposures are `exposure` times as long as the scene's light is made for, and are amplified. What
+    /// would be more than twice as bright as before is as bright as that.
+    pub const fn set_sensitivity(&mut self, exposure: f64, amplification: f64) {
+        self.sensitivity = (exposure * amplification, amplification);
     }
 
     /// Width and height, px.
     pub const fn size(&self) -> (usize, usize) {
-        (self.canvas.width, self.canvas.height)
+        (self.view.grid.width, self.view.grid.height)
     }
 
-    fn develop_backdrop(&self, frame: u64, gain: u16, out: &mut [u8]) {
-        let width = self.canvas.width;
-        let rows = out.chunks_exact_mut(width).zip(self.view.backdrop.means.chunks_exact(width));
+    fn develop(&self, frame: u64, light: &Brightness, means: &[u8], out: &mut [u8]) {
+        let width = self.view.grid.width;
+        let rows = out.chunks_exact_mut(width).zip(means.chunks_exact(width));
         for (y, (out, means)) in rows.enumerate() {
             let noise = self.developer.row_noise(frame, y, width);
-            self.developer.row(means, gain, noise, out);
+            self.developer.row(light, means, noise, out);
         }
     }
 
-    fn develop_tiles(&self, frame: u64, out: &mut [u8]) {
-        let width = self.canvas.width;
+    fn develop_canvas(&self, frame: u64, out: &mut [u8]) {
+        let width = self.view.grid.width;
         for tile in self.canvas.tiles() {
-            let (xs, ys) = self.canvas.pixels(*tile);
+            let (xs, ys) = self.view.grid.pixels(*tile);
             for y in ys {
                 let noise = &self.developer.row_noise(frame, y, width)[xs.clone()];
                 let means = &self.canvas.row(y)[xs.clone()];
@@ -157,8 +143,8 @@ impl FrameRenderer {
 
     /// What [`Self::render`] would say of the ball, without a picture.
     pub fn truth(&mut self, exposure: &Exposure) -> CameraTruth {
-        let gain = self.gain(exposure);
-        self.compose(exposure, gain)
+        let light = self.light(exposure);
+        self.compose(exposure, &light)
     }
 
     /// The ball at an instant of scene time.
@@ -166,80 +152,51 @@ impl FrameRenderer {
         self.track.at(t_s)
     }
 
-    /// Brightness in 1/256.
-    fn gain(&self, exposure: &Exposure) -> u16 {
+    fn light(&self, exposure: &Exposure) -> Brightness {
+        let (brightness, amplification) = self.sensitivity;
         let gain = self.scene.room.light().gain(exposure.mid_s, exposure.length_s);
-        (gain * 256.0).round().clamp(0.0, 256.0) as u16
+        self.developer.at(gain * brightness, amplification)
     }
 
-    /// Paints all that moves onto the canvas, the farthest first.
-    fn compose(&mut self, exposure: &Exposure, gain: u16) -> CameraTruth {
-        let gain = f32::from(gain) / 256.0;
+    /// Brings the set up to date, and paints the ball and its shadows onto tiles of the backdrop, with the actors
+    /// behind and before it.
+    fn compose(&mut self, exposure: &Exposure, light: &Brightness) -> CameraTruth {
+        let gain = light.gain();
         self.canvas.clear();
-        self.renew_actors(exposure.mid_s);
+        self.set.renew(&mut self.view, exposure.mid_s);
         let seen = self.find_ball(exposure);
-        let Self { scene, view, canvas, actors, order, ball, ball_layer, .. } = self;
-        let mut painter = Painter { scene, view, canvas, gain };
+        let Self { scene, view, set, canvas, painter, ball, ball_layer, .. } = self;
         if let Some(carried) = &scene.board {
-            painter.board(carried, exposure);
+            paint_board((scene, carried), view, exposure, canvas, gain);
         }
         if let Some(centre) = seen.centre {
-            painter.shadow(&centre);
+            cast_shadows(scene, view, &centre, canvas, gain);
         }
         let mut whole = 0.0;
-        let ball_depth = ball.first().map_or(f64::NEG_INFINITY, |o| o.depth_m);
-        let depth = |actor: &Actor| actor.outline.as_ref().map_or(0.0, |o| o.depth_m);
-        let behind = order.partition_point(|i| depth(&actors[*i]) > ball_depth);
-        for actor in &order[..behind] {
-            painter.paint(&actors[*actor].layer);
+        if !ball.is_empty() {
+            whole = painter.lay(scene, view, ball, &scene.ball, ball_layer) + view.area_outside(ball);
+        }
+        for outline in ball.iter() {
+            canvas.open(&outline.rect, &view.backdrop.means, gain);
+        }
+        let depth_m = ball.first().map_or(f64::NEG_INFINITY, |o| o.depth_m);
+        for actor in set.behind(depth_m) {
+            canvas.paint(actor, gain);
         }
         if !ball.is_empty() {
-            whole = painter.lay(ball, &scene.ball, ball_layer) + painter.outside(ball);
-            painter.paint(ball_layer);
+            canvas.paint(ball_layer, gain);
         }
-        for actor in &order[behind..] {
-            painter.paint(&actors[*actor].layer);
-            ball_layer.hide_behind(&actors[*actor].layer);
+        for actor in set.before(depth_m) {
+            canvas.paint(actor, gain);
+            ball_layer.hide_behind(actor);
         }
         let visible = if whole > 0.0 { (ball_layer.shown() / whole).clamp(0.0, 1.0) } else { 0.0 };
         CameraTruth { u_px: seen.image.x, v_px: seen.image.y, visible }
     }
 
-    /// Lays the bodies whose time has come anew, and orders those in the picture.
-    fn renew_actors(&mut self, t_s: f64) {
-        let Self { scene, view, canvas, actors, order, .. } = self;
-        order.clear();
-        let count = actors.len();
-        for (index, actor) in actors.iter_mut().enumerate() {
-            let renewal_s = scene.cast.renewal_s(index);
-            let offset = renewal_s * index as f64 / count as f64;
-            let step = ((t_s + offset) / renewal_s).floor();
-            if actor.step != Some(step as i64) {
-                actor.step = Some(step as i64);
-                let body = scene.cast.body(index, step * renewal_s - offset, scene.radius_m);
-                actor.outline = body.and_then(|body| {
-                    let outline = view.outline(&body, scene.blur_px)?;
-                    in_frame(&outline.rect, canvas).then_some(outline)
-                });
-                if let (Some(outline), Some(body)) = (&actor.outline, body) {
-                    Painter { scene, view, canvas, gain: 1.0 }.lay(
-                        std::slice::from_ref(outline),
-                        &body.paint,
-                        &mut actor.layer,
-                    );
-                }
-            }
-            if actor.outline.is_some() {
-                order.push(index);
-            }
-        }
-        let depth = |i: &usize| actors[*i].outline.as_ref().map_or(0.0, |o| o.depth_m);
-        order.sort_unstable_by(|a, b| depth(b).total_cmp(&depth(a)));
-    }
-
     /// Outlines of the ball along its way, as many as its image's way needs.
     fn find_ball(&mut self, exposure: &Exposure) -> BallSeen {
-        let Self { scene, track, view, ball, canvas, .. } = self;
+        let Self { scene, track, view, ball, .. } = self;
         ball.clear();
         let Some(middle) = track.at(exposure.mid_s) else { return BallSeen::default() };
         let centre = middle.state.position;
@@ -265,7 +222,7 @@ impl FrameRenderer {
                 ball.push(outline);
             }
         }
-        if !ball.iter().any(|outline| in_frame(&outline.rect, canvas)) {
+        if !ball.iter().any(|outline| view.contains_some_of(&outline.rect)) {
             ball.clear();
         }
         BallSeen { image, centre: Some(centre) }
@@ -278,253 +235,10 @@ struct BallSeen {
     centre: Option<Vector3<f64>>,
 }
 
-fn in_frame(rect: &Rect, canvas: &Canvas) -> bool {
-    let (columns, rows) = rect.within(canvas.width, canvas.height);
-    !columns.is_empty() && !rows.is_empty()
-}
-
-impl View {
-    fn outline(&self, body: &Body, blur_px: f64) -> Option<Outline> {
-        Outline::new(&self.model, &self.camera_from_world, body, blur_px)
-    }
-
-    /// A direction of the camera's frame, in the world.
-    fn to_world(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        self.camera_from_world.rotation.inverse_transform_vector(v)
-    }
-}
-
-/// Paints bodies onto the canvas.
-struct Painter<'a> {
-    scene: &'a Scene,
-    view: &'a mut View,
-    canvas: &'a mut Canvas,
-    gain: f32,
-}
-
-impl Painter<'_> {
-    /// Opens the tiles under `rect`.
-    fn open(&mut self, rect: &Rect) {
-        self.canvas.open(rect, &self.view.backdrop.means, self.gain);
-    }
-
-    /// Gathers what a body that was at `outlines`, each for an equal share of the exposure, gives to the
-    /// picture. Returns the area of its image inside the frame, hidden parts too, in px.
-    fn lay(&mut self, outlines: &[Outline], paint: &Paint, layer: &mut Layer) -> f64 {
-        let Some(hull) = outlines.iter().map(|o| o.rect).reduce(|a, b| a.hull(&b)) else { return 0.0 };
-        let (width, height) = (self.canvas.width, self.canvas.height);
-        layer.reset(hull.within(width, height));
-        let share = 1.0 / outlines.len() as f64;
-        let mut whole = 0.0;
-        for outline in outlines {
-            self.view.rays.make_known(&outline.rect, width, height);
-            whole += share * self.add(outline, paint, share as f32, layer);
-        }
-        whole
-    }
-
-    /// Paints a layer over what is on the canvas.
-    fn paint(&mut self, layer: &Layer) {
-        let rows = layer.rows();
-        let mut y0 = rows.start;
-        while y0 < rows.end {
-            // The rows of one row of tiles: what is covered of them is opened together.
-            let y1 = ((y0 / TILE + 1) * TILE).min(rows.end);
-            let covered = (y0..y1).map(|y| layer.covered(y)).filter(|(_, row)| !row.is_empty());
-            let hull = covered.fold(None, |hull: Option<(usize, usize)>, (x, row)| {
-                let (low, high) = hull.unwrap_or((x, x));
-                Some((low.min(x), high.max(x + row.len())))
-            });
-            if let Some((x0, x1)) = hull {
-                self.open(&Rect { x0: x0 as i64, y0: y0 as i64, x1: x1 as i64, y1: y1 as i64 });
-            }
-            for y in y0..y1 {
-                let (x, row) = layer.covered(y);
-                for (mean, s) in self.canvas.row_mut(y)[x..].iter_mut().zip(row) {
-                    *mean = *mean * (1.0 - s.coverage) + s.light * self.gain;
-                }
-            }
-            y0 = y1;
-        }
-    }
-
-    /// Paints a board over what is on the canvas.
-    fn board(&mut self, carried: &CarriedBoard, exposure: &Exposure) {
-        let View { model, camera_from_world, .. } = &*self.view;
-        let times = (exposure.mid_s, exposure.length_s);
-        let Some(image) = BoardImage::new(self.scene, carried, model, camera_from_world, times) else {
-            return;
-        };
-        self.open(&image.rect);
-        let (width, height) = (self.canvas.width, self.canvas.height);
-        let Rect { x0, y0, x1, y1 } = image.rect;
-        let with_neighbours = Rect { x0: x0 - 1, y0: y0 - 1, x1: x1 + 1, y1: y1 + 1 };
-        self.view.rays.make_known(&with_neighbours, width, height);
-        let (columns, rows) = image.rect.within(width, height);
-        for y in rows {
-            for x in columns.clone() {
-                let channel = self.canvas.channel(x, y);
-                let Some(share) = image.pixel(x, y, &self.view.rays.field(x, y), channel) else { continue };
-                if !self.view.backdrop.hides(x, y, share.depth_m) {
-                    let mean = self.canvas.mean_mut(x, y);
-                    *mean = *mean * (1.0 - share.coverage) + share.light * share.coverage * self.gain;
-                }
-            }
-        }
-    }
-
-    /// Adds one outline to the layer; returns its area inside the frame.
-    fn add(&self, outline: &Outline, paint: &Paint, share: f32, layer: &mut Layer) -> f64 {
-        let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
-        let by_net = self.view.backdrop.net.is_some_and(|net| {
-            net.x0 < outline.rect.x1
-                && outline.rect.x0 < net.x1
-                && net.y0 < outline.rect.y1
-                && outline.rect.y0 < net.y1
-        });
-        let mut area = 0.0;
-        for y in rows {
-            let rays = self.view.rays.row(y);
-            let (x0, row) = layer.row_mut(y);
-            let mut span = 0..0;
-            for x in columns.clone() {
-                let Some(seen) = outline.seen(rays[x]) else {
-                    // An ellipsoid's image is convex: behind its far rim nothing follows.
-                    if !span.is_empty() {
-                        break;
-                    }
-                    continue;
-                };
-                span = if span.is_empty() { x..x + 1 } else { span.start..x + 1 };
-                area += seen.coverage;
-                if self.view.backdrop.hides(x, y, seen.depth_m) {
-                    continue;
-                }
-                let channel = self.canvas.channel(x, y);
-                let mut light = self.light(&seen, rays[x], paint, channel);
-                let mut clear = 1.0;
-                if by_net && let Some((opacity, of_net)) = self.net(rays[x], seen.depth_m, channel) {
-                    light += opacity * (of_net - light);
-                    clear = 1.0 - opacity;
-                }
-                let coverage = seen.coverage as f32 * share;
-                let Share { coverage: c, light: l, shown } = &mut row[x - x0];
-                *c += coverage;
-                *l += coverage * light;
-                *shown += coverage * clear;
-            }
-            if !span.is_empty() {
-                layer.widen(y, span);
-            }
-        }
-        area
-    }
-
-    /// Area of the part of a body's image that lies outside the frame, px.
-    fn outside(&self, outlines: &[Outline]) -> f64 {
-        let mut area = 0.0;
-        for outline in outlines {
-            let (columns, rows) = outline.rect.within(self.canvas.width, self.canvas.height);
-            let Rect { x0, y0, x1, y1 } = outline.rect;
-            if columns.len() as i64 == x1 - x0 && rows.len() as i64 == y1 - y0 {
-                continue;
-            }
-            for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
-                let in_range =
-                    |v: i64, range: &Range<usize>| usize::try_from(v).is_ok_and(|v| range.contains(&v));
-                if in_range(x, &columns) && in_range(y, &rows) {
-                    continue;
-                }
-                if let Some(n) = self.view.model.undistort(&Vector2::new(x as f64, y as f64)) {
-                    area += outline.seen([n.x as f32, n.y as f32]).map_or(0.0, |s| s.coverage);
-                }
-            }
-        }
-        area / outlines.len().max(1) as f64
-    }
-
-    /// What a point of a body sends to a pixel of this channel in full light, DN.
-    fn light(&self, seen: &Seen, ray: [f32; 2], paint: &Paint, channel: usize) -> f32 {
-        let light = self.scene.room.light();
-        let normal = seen.normal;
-        let irradiance = light.on(&normal) as f32;
-        let colour = match paint.texture {
-            Texture::Plain => paint.colour,
-            _ => paint.at(seen.on_body.x, seen.on_body.z),
-        };
-        let mut radiance = colour.map(|c| c * irradiance);
-        if paint.gloss > 0.0 {
-            let view = -Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
-            let view = self.view.to_world(&view).normalize();
-            let shine: f64 = light
-                .lamps
-                .iter()
-                .map(|(to, strength)| strength * (to + view).normalize().dot(&normal).max(0.0).powi(32))
-                .sum();
-            radiance = radiance.map(|r| r + paint.gloss * shine as f32);
-        }
-        self.scene.level(&radiance, channel)
-    }
-
-    /// The net before a point at this depth: its opacity, and its light in full light, DN.
-    fn net(&self, ray: [f32; 2], depth_m: f64, channel: usize) -> Option<(f32, f32)> {
-        let direction = self.view.to_world(&Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0));
-        let origin = self.view.camera_from_world.origin().coords;
-        let net = self.scene.room.net(&origin, &direction).filter(|net| net.distance < depth_m)?;
-        Some((net.opacity, self.scene.level(&net.radiance, channel)))
-    }
-
-    /// The ball's shadows on the table: one for each lamp, the softer the higher the ball.
-    fn shadow(&mut self, ball: &Vector3<f64>) {
-        /// Higher balls throw no shadow that could be seen.
-        const HIGHEST_M: f64 = 0.5;
-        /// Width of the lamps as an angle: what a shadow's rim grows by with height.
-        const LAMP_RAD: f64 = 0.12;
-        let on_table = |p: &Vector3<f64>| p.x.abs() < TABLE_HALF_WIDTH_M && p.y.abs() < TABLE_HALF_LENGTH_M;
-        if !(0.0..HIGHEST_M).contains(&ball.z) {
-            return;
-        }
-        let light = *self.scene.room.light();
-        let all = light.on(&Vector3::z());
-        let origin = self.view.camera_from_world.origin().coords;
-        let radius = self.scene.radius_m;
-        for (to, strength) in light.lamps {
-            let centre = ball - to * (ball.z / to.z);
-            if !on_table(&centre) {
-                continue;
-            }
-            let soft = LAMP_RAD * ball.z;
-            let reach = radius + soft;
-            let dark = strength * to.z / all * (radius / reach).powi(2);
-            let disc = Body::upright(centre, [reach, reach, 1e-3], self.scene.ball);
-            let Some(outline) = self.view.outline(&disc, 0.5) else { continue };
-            self.open(&outline.rect);
-            let (width, height) = (self.canvas.width, self.canvas.height);
-            self.view.rays.make_known(&outline.rect, width, height);
-            let (columns, rows) = outline.rect.within(width, height);
-            for y in rows {
-                for x in columns.clone() {
-                    let ray = self.view.rays.row(y)[x];
-                    let direction =
-                        self.view.to_world(&Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0));
-                    let depth = -origin.z / direction.z;
-                    let at = origin + direction * depth;
-                    // Only where the table is what the pixel sees.
-                    if !on_table(&at) || (self.view.backdrop.depth_m(x, y) - depth).abs() > 0.01 {
-                        continue;
-                    }
-                    let share = ((reach - (at - centre).norm()) / (2.0 * soft + 2e-3)).clamp(0.0, 1.0);
-                    let kept = 1.0 - dark * share * share * (3.0 - 2.0 * share);
-                    *self.canvas.mean_mut(x, y) *= kept as f32;
-                }
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::{Rotation3, Unit};
+    use netcord_common::geometry::World;
 
     use super::*;
     use crate::synthetic::{
@@ -565,6 +279,22 @@ mod tests {
     }
 
     #[test]
+    fn longer_exposures_and_amplification_are_brighter_and_saturate() {
+        let (_, mut renderer) = renderer(Preset::Clean, 5);
+        let (width, height) = renderer.size();
+        let mut frame = vec![0; width * height];
+        let mut mean = |exposure_factor: f64, amplification: f64| {
+            renderer.set_sensitivity(exposure_factor, amplification);
+            renderer.render(&exposure(3, 0.001), &mut frame);
+            frame.iter().map(|v| f64::from(*v)).sum::<f64>() / frame.len() as f64
+        };
+        let (full, half, amplified) = (mean(1.0, 1.0), mean(0.5, 1.0), mean(0.5, 2.0));
+        assert!((half / full - 0.5).abs() < 0.01 && (amplified / full - 1.0).abs() < 0.01);
+        let most = mean(1.0, 8.0);
+        assert!(most > 1.4 * full && most < 2.0 * full, "{most} of {full}");
+    }
+
+    #[test]
     fn the_ball_is_painted_where_the_truth_says() {
         let (scene, mut renderer) = renderer(Preset::Clean, 5);
         let mut checked = 0;
@@ -578,12 +308,9 @@ mod tests {
                 continue;
             }
             let (mut area, mut moment) = (0.0, Vector2::zeros());
-            for y in renderer.ball_layer.rows() {
-                let (x0, row) = renderer.ball_layer.row(y);
-                for (i, share) in row.iter().enumerate() {
-                    area += f64::from(share.shown);
-                    moment += Vector2::new((x0 + i) as f64, y as f64) * f64::from(share.shown);
-                }
+            for ((x, y), _, shown) in renderer.ball_layer.pixels() {
+                area += shown;
+                moment += Vector2::new(x as f64, y as f64) * shown;
             }
             if truth.visible > 0.999 {
                 checked += 1;
@@ -619,19 +346,13 @@ mod tests {
         let mid_s = exposure(frame, length_s).mid_s;
         renderer.truth(&exposure(frame, length_s));
         let mut blurred = std::collections::HashMap::new();
-        for y in renderer.ball_layer.rows() {
-            let (x0, row) = renderer.ball_layer.row(y);
-            blurred.extend(row.iter().enumerate().map(|(i, s)| ((x0 + i, y), f64::from(s.coverage))));
-        }
+        blurred.extend(renderer.ball_layer.pixels().map(|(at, coverage, _)| (at, coverage)));
         let count = 300;
         for k in 0..count {
             let t = mid_s + length_s * ((f64::from(k) + 0.5) / f64::from(count) - 0.5);
             renderer.truth(&Exposure { frame, mid_s: t, length_s: 0.0 });
-            for y in renderer.ball_layer.rows() {
-                let (x0, row) = renderer.ball_layer.row(y);
-                for (i, s) in row.iter().enumerate() {
-                    *blurred.entry((x0 + i, y)).or_default() -= f64::from(s.coverage) / f64::from(count);
-                }
+            for (at, coverage, _) in renderer.ball_layer.pixels() {
+                *blurred.entry(at).or_default() -= coverage / f64::from(count);
             }
         }
         let worst = blurred.values().fold(0.0_f64, |w, d| w.max(d.abs()));

@@ -1,37 +1,58 @@
 use std::ops::Range;
 
-/// What one body adds to the pixels of a rectangle, summed over the exposure.
+/// What one body adds to the pixels of a rectangle, summed over the exposure. The sums lie in an array each,
+/// so that rows of them are worked on several pixels at a time.
 #[derive(Debug, Default)]
 pub struct Layer {
     columns: Range<usize>,
     rows: Range<usize>,
-    pixels: Vec<Share>,
+    /// Share of each pixel's light that the body takes the place of, 0–1.
+    coverage: Vec<f32>,
+    /// Light that it gives instead, in full light, DN.
+    light: Vec<f32>,
+    /// Coverage less what the net and nearer bodies hide.
+    shown: Vec<f32>,
     /// For each row the columns, counted from the layer's first, in which anything is covered.
     spans: Vec<Range<usize>>,
 }
 
-/// One pixel's share of a body.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Share {
-    /// Share of the pixel's light that the body takes the place of, 0–1.
-    pub coverage: f32,
-    /// Light that it gives instead, DN.
-    pub light: f32,
+/// Part of a row of a layer.
+#[derive(Debug)]
+pub struct LayerRow<'a> {
+    /// Column of the frame in which it begins.
+    pub x0: usize,
+    /// Share of each pixel's light that the body takes the place of, 0–1.
+    pub coverage: &'a mut [f32],
+    /// Light that it gives instead, in full light, DN.
+    pub light: &'a mut [f32],
     /// Coverage less what the net and nearer bodies hide.
-    pub shown: f32,
+    pub shown: &'a mut [f32],
 }
 
 impl Layer {
     /// A layer with room for `pixels`: more are taken from the heap when a body is larger.
     pub fn with_room(pixels: usize) -> Self {
-        Self { pixels: Vec::with_capacity(pixels), spans: Vec::with_capacity(2048), ..Self::default() }
+        let sums = || Vec::with_capacity(pixels);
+        Self {
+            coverage: sums(),
+            light: sums(),
+            shown: sums(),
+            spans: Vec::with_capacity(2048),
+            ..Self::default()
+        }
     }
 
     /// Starts over for these columns and rows.
     pub fn reset(&mut self, (columns, rows): (Range<usize>, Range<usize>)) {
-        self.pixels.clear();
-        self.pixels.resize(columns.len() * rows.len(), Share::default());
+        let pixels = columns.len() * rows.len();
+        for sums in [&mut self.coverage, &mut self.light, &mut self.shown] {
+            sums.clear();
+            // A body that comes nearer and nearer takes memory a few times only.
+            sums.reserve(pixels.next_power_of_two());
+            sums.resize(pixels, 0.0);
+        }
         self.spans.clear();
+        self.spans.reserve(rows.len().next_power_of_two());
         self.spans.resize(rows.len(), 0..0);
         (self.columns, self.rows) = (columns, rows);
     }
@@ -46,56 +67,82 @@ impl Layer {
         };
     }
 
-    /// The first covered column of row `y` of the frame, and the pixels from there to the last.
-    pub fn covered(&self, y: usize) -> (usize, &[Share]) {
-        let (x0, row) = self.row(y);
-        match self.spans.get(y.wrapping_sub(self.rows.start)) {
-            Some(span) => (x0 + span.start, &row[span.clone()]),
-            None => (x0, &[]),
-        }
-    }
-
     /// Rows that it has.
     pub fn rows(&self) -> Range<usize> {
         self.rows.clone()
     }
 
-    /// The first column, and the pixels of row `y`; empty where it has none.
-    pub fn row_mut(&mut self, y: usize) -> (usize, &mut [Share]) {
-        if !self.rows.contains(&y) {
-            return (0, &mut []);
-        }
-        let start = (y - self.rows.start) * self.columns.len();
-        (self.columns.start, &mut self.pixels[start..start + self.columns.len()])
+    /// Those of `rows` that it has.
+    pub fn rows_among(&self, rows: &Range<usize>) -> Range<usize> {
+        self.rows.start.max(rows.start)..self.rows.end.min(rows.end)
     }
 
-    /// As [`Self::row_mut`].
-    pub fn row(&self, y: usize) -> (usize, &[Share]) {
-        if !self.rows.contains(&y) {
-            return (0, &[]);
+    /// The columns of the frame in which row `y`, which it has, is covered.
+    pub fn covered(&self, y: usize) -> Range<usize> {
+        let span = &self.spans[y - self.rows.start];
+        self.columns.start + span.start..self.columns.start + span.end
+    }
+
+    /// All of row `y`, which it has.
+    pub fn row_mut(&mut self, y: usize) -> LayerRow<'_> {
+        let width = self.columns.len();
+        let start = (y - self.rows.start) * width;
+        let row = start..start + width;
+        LayerRow {
+            x0: self.columns.start,
+            coverage: &mut self.coverage[row.clone()],
+            light: &mut self.light[row.clone()],
+            shown: &mut self.shown[row],
         }
+    }
+
+    /// Where columns `xs`, which it has, of row `y` lie in the sums.
+    fn place(&self, y: usize, xs: &Range<usize>) -> Range<usize> {
         let start = (y - self.rows.start) * self.columns.len();
-        (self.columns.start, &self.pixels[start..start + self.columns.len()])
+        start + xs.start - self.columns.start..start + xs.end - self.columns.start
+    }
+
+    /// Paints the part of row `y` that lies in columns `xs` over `means`, which are those columns', in light
+    /// that is dimmed by `gain`; says whether there was anything to be painted.
+    pub fn blend(&self, y: usize, xs: Range<usize>, gain: f32, means: &mut [f32]) -> bool {
+        let covered = self.covered(y);
+        let (start, end) = (covered.start.max(xs.start), covered.end.min(xs.end));
+        if start >= end {
+            return false;
+        }
+        let place = self.place(y, &(start..end));
+        let sums = self.coverage[place.clone()].iter().zip(&self.light[place]);
+        for (mean, (coverage, light)) in means[start - xs.start..end - xs.start].iter_mut().zip(sums) {
+            *mean = *mean * (1.0 - coverage) + light * gain;
+        }
+        true
     }
 
     /// Hides what `nearer` covers.
     pub fn hide_behind(&mut self, nearer: &Self) {
-        if nearer.columns.start >= self.columns.end || self.columns.start >= nearer.columns.end {
-            return;
-        }
-        for y in self.rows.start.max(nearer.rows.start)..self.rows.end.min(nearer.rows.end) {
-            let (x0, row) = self.row_mut(y);
-            let (nearer_x0, nearer_row) = nearer.covered(y);
-            for (i, share) in nearer_row.iter().enumerate() {
-                if let Some(mine) = (nearer_x0 + i).checked_sub(x0).and_then(|i| row.get_mut(i)) {
-                    mine.shown *= 1.0 - share.coverage;
-                }
+        for y in nearer.rows_among(&self.rows) {
+            let theirs = nearer.covered(y);
+            let (start, end) = (theirs.start.max(self.columns.start), theirs.end.min(self.columns.end));
+            if start >= end {
+                continue;
+            }
+            let place = self.place(y, &(start..end));
+            let shares = &nearer.coverage[nearer.place(y, &(start..end))];
+            for (shown, coverage) in self.shown[place].iter_mut().zip(shares) {
+                *shown *= 1.0 - coverage;
             }
         }
     }
 
     /// What is shown, in pixels.
     pub fn shown(&self) -> f64 {
-        self.pixels.iter().map(|p| f64::from(p.shown)).sum()
+        self.shown.iter().map(|shown| f64::from(*shown)).sum()
+    }
+
+    /// Coverage and what is shown of it, pixel by pixel, with the pixels' coordinates.
+    #[cfg(test)]
+    pub fn pixels(&self) -> impl Iterator<Item = ((usize, usize), f64, f64)> + '_ {
+        let places = self.rows.clone().flat_map(|y| self.columns.clone().map(move |x| (x, y)));
+        places.zip(self.coverage.iter().zip(&self.shown)).map(|(at, (c, s))| (at, (*c).into(), (*s).into()))
     }
 }

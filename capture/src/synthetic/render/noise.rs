@@ -23,60 +23,98 @@ impl SensorNoise {
     }
 }
 
-/// Levels are fixed-point with this many fractions of a grey value.
-const LEVEL: f64 = 16.0;
-
 /// Samples of the standard normal distribution that rows are cut from at random places.
 const TABLE: usize = 1 << 16;
 /// Longest row.
 const MAX_ROW: usize = 1 << 13;
-/// One standard deviation in the table; four of them just fit an i16.
-const TABLE_SIGMA: f64 = 8191.0;
-/// A deviation in 1/128 DN times a sample in 1/8191, shifted right by 16, is in 1/16 DN.
-const SIGMA: f64 = LEVEL * 65536.0 / TABLE_SIGMA;
 
-/// Levels, in DN, at which the noise curve is touched by its tangents.
-const TOUCHED: [f64; 4] = [1.0, 10.0, 45.0, 140.0];
+/// Levels are fixed-point with this many fractions of a grey value: the brightest still fits an i16.
+const LEVEL: f32 = 128.0;
+
+/// 255 DN.
+const BRIGHTEST: u16 = 255 * 128;
+
+/// The largest deviation of the sensor is this much in a byte of [`Sigmas`].
+const LARGEST: f64 = 127.0;
 
 /// Turns mean levels into grey values with noise: the last step of rendering, for whole rows.
-///
-/// The deviation is a square root of the level, which is concave, so the least of four of its tangents
-/// stands for it: multiplications only, which the compiler makes vector instructions of. It is too large
-/// by at most a few percent.
 #[derive(Debug, Clone)]
 pub struct Developer {
-    tangents: [Tangent; TOUCHED.len()],
+    noise: SensorNoise,
+    /// Samples, scaled so that a byte of [`Sigmas`] times a sample, shifted right by 8, is in 1/128 DN.
     table: Box<[i16]>,
+    full: Brightness,
     seed: u64,
 }
 
-/// deviation ≤ offset + slope × level, in the fixed-point units above.
+/// How bright an exposure is, and the noise that follows.
 #[derive(Debug, Clone, Copy)]
-struct Tangent {
-    offset: u16,
-    slope: u16,
+pub struct Brightness {
+    /// Share of full light in 1/32768: finer than any grey value.
+    gain: u16,
+    sigmas: Sigmas,
+}
+
+/// Standard deviation by mean level in full light: one for every 4 DN below 64, one for every 16 above, where
+/// the square root has become flat. It is off by 6 % at most, and a lookup for thirty-two pixels at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Sigmas {
+    low: [u8; 16],
+    high: [u8; 16],
+}
+
+impl Brightness {
+    /// Share of full light.
+    pub fn gain(&self) -> f32 {
+        f32::from(self.gain) / 32768.0
+    }
+}
+
+impl Sigmas {
+    /// Of `noise`, in units of the sensor's own.
+    fn new(own: &SensorNoise, noise: &SensorNoise, gain: f64) -> Self {
+        let unit = LARGEST / own.sigma_dn(255.0);
+        let at = |mean: f64| (noise.sigma_dn(mean * gain) * unit).round().clamp(0.0, LARGEST) as u8;
+        Self {
+            low: std::array::from_fn(|i| at(4.0 * i as f64 + 1.5)),
+            high: std::array::from_fn(|i| if i < 4 { 0 } else { at(16.0 * i as f64 + 7.5) }),
+        }
+    }
+
+    fn of(&self, mean: u8) -> u8 {
+        if mean < 64 { self.low[usize::from(mean >> 2)] } else { self.high[usize::from(mean >> 4)] }
+    }
 }
 
 impl Developer {
     /// For a sensor; `seed` settles all noise.
     pub fn new(noise: &SensorNoise, seed: u64) -> Self {
-        let tangents = TOUCHED.map(|level| {
-            let sigma = noise.sigma_dn(level);
-            let slope = 0.5 * noise.dn_per_electron / sigma;
-            let fixed = |v: f64| v.round().clamp(0.0, 65535.0) as u16;
-            Tangent {
-                offset: fixed((sigma - slope * level) * SIGMA),
-                slope: fixed(slope * SIGMA / LEVEL * 65536.0),
-            }
-        });
+        let scale = f64::from(LEVEL) * 256.0 * noise.sigma_dn(255.0) / LARGEST;
         let mut random = Pcg64::seed_from_u64(seed ^ 0x6e_6f69_7365);
         let table = (0..TABLE + MAX_ROW)
             .map(|_| {
                 let sample: f64 = StandardNormal.sample(&mut random);
-                (sample * TABLE_SIGMA).round().clamp(-32767.0, 32767.0) as i16
+                (sample * scale).round().clamp(-32767.0, 32767.0) as i16
             })
             .collect();
-        Self { tangents, table, seed }
+        let full = Brightness { gain: 32768, sigmas: Sigmas::new(noise, noise, 1.0) };
+        Self { noise: *noise, table, full, seed }
+    }
+
+    /// Full light.
+    pub const fn full(&self) -> Brightness {
+        self.full
+    }
+
+    /// Light that is a share of full light, up to twice of it, `amplification` (1 where there is none) counted in:
+    /// the amplifier raises noise as it does the signal.
+    pub fn at(&self, gain: f64, amplification: f64) -> Brightness {
+        let gain = (gain * 32768.0).round().clamp(0.0, 65535.0);
+        let noise = SensorNoise {
+            dn_per_electron: self.noise.dn_per_electron * amplification,
+            read_dn: self.noise.read_dn * amplification,
+        };
+        Brightness { gain: gain as u16, sigmas: Sigmas::new(&self.noise, &noise, gain / 32768.0) }
     }
 
     /// The noise of row `y` in frame `frame`: one sample a column.
@@ -85,43 +123,26 @@ impl Developer {
         &self.table[place..place + width.min(MAX_ROW)]
     }
 
-    /// A row of mean levels in DN, dimmed by `gain` / 256, with noise.
-    pub fn row(&self, means: &[u8], gain: u16, noise: &[i16], out: &mut [u8]) {
+    /// A row of mean levels in full light, in DN, dimmed, with noise.
+    pub fn row(&self, light: &Brightness, means: &[u8], noise: &[i16], out: &mut [u8]) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the processor has AVX2, as was just asked.
-            let done = unsafe { avx2::row(&self.tangents, means, gain, noise, out) };
-            row(&self.tangents, &means[done..], gain, &noise[done..], &mut out[done..]);
+            let done = unsafe { avx2::row(light, means, noise, out) };
+            row(light, &means[done..], &noise[done..], &mut out[done..]);
             return;
         }
-        row(&self.tangents, means, gain, noise, out);
+        row(light, means, noise, out);
     }
 
-    /// As [`Self::row`], for means that are not whole grey values.
+    /// As [`Self::row`], for means that are no whole grey values, and have been dimmed already.
     pub fn fine_row(&self, means: &[f32], noise: &[i16], out: &mut [u8]) {
-        let rows = means.chunks(CHUNK).zip(noise.chunks(CHUNK)).zip(out.chunks_mut(CHUNK));
-        for ((means, noise), out) in rows {
-            let mut levels = [0_u16; CHUNK];
-            for (level, mean) in levels.iter_mut().zip(means) {
-                *level = (mean * LEVEL as f32 + 0.5).clamp(0.0, 4095.0) as i32 as u16;
-            }
-            #[cfg(target_arch = "x86_64")]
-            if let (Ok(noise), Ok(out)) = (noise.try_into(), <&mut [u8; CHUNK]>::try_from(&mut *out))
-                && std::arch::is_x86_feature_detected!("avx2")
-            {
-                // SAFETY: the processor has AVX2, as was just asked.
-                unsafe { avx2::levels(&self.tangents, &levels, noise, out) };
-                continue;
-            }
-            for ((level, noise), out) in levels.iter().zip(noise).zip(out) {
-                *out = develop(&self.tangents, *level, *noise);
-            }
+        for ((mean, noise), out) in means.iter().zip(noise).zip(out) {
+            let level = (mean * LEVEL + 0.5).clamp(0.0, 255.0 * LEVEL) as i16;
+            *out = develop(level, self.full.sigmas.of((level >> 7) as u8), *noise);
         }
     }
 }
-
-/// Pixels that are developed at a time.
-const CHUNK: usize = 16;
 
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014): neighbouring inputs give unrelated outputs.
 pub fn hash(x: u64) -> u64 {
@@ -131,109 +152,85 @@ pub fn hash(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-#[inline]
-fn develop(tangents: &[Tangent; TOUCHED.len()], level: u16, noise: i16) -> u8 {
-    let mut sigma = u16::MAX;
-    for tangent in tangents {
-        let rise = ((u32::from(tangent.slope) * u32::from(level)) >> 16) as u16;
-        sigma = sigma.min(tangent.offset.wrapping_add(rise));
-    }
-    // Both factors fit an i16: the largest deviation of interest, 255 DN, is 32640.
-    let sigma = sigma.min(i16::MAX as u16) as i16;
-    let off = ((i32::from(sigma) * i32::from(noise)) >> 16) as i16;
-    let value = (level as i16).wrapping_add(off).wrapping_add(8) >> 4;
-    value.clamp(0, 255) as u8
+fn develop(level: i16, sigma: u8, noise: i16) -> u8 {
+    let off = ((i32::from(sigma) * i32::from(noise)) >> 8) as i16;
+    ((level + 64).saturating_add(off) >> 7).clamp(0, 255) as u8
 }
 
-fn row(tangents: &[Tangent; TOUCHED.len()], means: &[u8], gain: u16, noise: &[i16], out: &mut [u8]) {
+fn row(light: &Brightness, means: &[u8], noise: &[i16], out: &mut [u8]) {
     for ((mean, noise), out) in means.iter().zip(noise).zip(out) {
-        let level = u16::from(*mean).wrapping_mul(gain) >> 4;
-        *out = develop(tangents, level, *noise);
+        let level = ((u32::from(*mean) << 8) * u32::from(light.gain)) >> 16;
+        *out = develop(level.min(BRIGHTEST.into()) as i16, light.sigmas.of(*mean), *noise);
     }
 }
 
-/// The same with AVX2, sixteen pixels at a time: left to itself the compiler widens the products with the
-/// slopes to 32 bits, which takes three times as long.
+/// The same with AVX2, thirty-two pixels at a time.
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
     use std::arch::x86_64::{
-        __m128i, __m256i, _mm_loadu_si128, _mm_storeu_si128, _mm256_add_epi16, _mm256_castsi256_si128,
-        _mm256_cvtepu8_epi16, _mm256_loadu_si256, _mm256_min_epu16, _mm256_mulhi_epi16, _mm256_mulhi_epu16,
-        _mm256_mullo_epi16, _mm256_packus_epi16, _mm256_permute4x64_epi64, _mm256_set1_epi16,
-        _mm256_srai_epi16, _mm256_srli_epi16,
+        __m256i, _mm_loadu_si128, _mm256_add_epi16, _mm256_adds_epi16, _mm256_adds_epu8, _mm256_and_si256,
+        _mm256_broadcastsi128_si256, _mm256_loadu_si256, _mm256_min_epu16, _mm256_mulhi_epi16,
+        _mm256_mulhi_epu16, _mm256_or_si256, _mm256_packus_epi16, _mm256_permute4x64_epi64, _mm256_set1_epi8,
+        _mm256_set1_epi16, _mm256_setzero_si256, _mm256_shuffle_epi8, _mm256_srai_epi16, _mm256_srli_epi16,
+        _mm256_storeu_si256, _mm256_unpackhi_epi8, _mm256_unpacklo_epi8,
     };
 
-    use super::{CHUNK, TOUCHED, Tangent};
+    use super::{BRIGHTEST, Brightness};
 
-    type Lines = [(__m256i, __m256i); TOUCHED.len()];
-
-    #[target_feature(enable = "avx2")]
-    fn all(v: u16) -> __m256i {
-        _mm256_set1_epi16(v.cast_signed())
-    }
+    /// Pixels that are developed at a time.
+    const CHUNK: usize = 32;
+    /// Swaps the two middle quarters: unpacking and packing work on each half by itself.
+    const SWAP: i32 = 0b11_01_10_00;
 
     #[target_feature(enable = "avx2")]
-    fn lines(tangents: &[Tangent; TOUCHED.len()]) -> Lines {
-        let mut lines = [(all(0), all(0)); TOUCHED.len()];
-        for (line, t) in lines.iter_mut().zip(tangents) {
-            *line = (all(t.offset), all(t.slope));
-        }
-        lines
-    }
-
-    /// [`super::develop`] for sixteen pixels.
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn develop(lines: &Lines, level: __m256i, noise: __m256i) -> __m128i {
-        let mut sigma = _mm256_set1_epi16(i16::MAX);
-        for (offset, slope) in lines {
-            let tangent = _mm256_add_epi16(*offset, _mm256_mulhi_epu16(*slope, level));
-            sigma = _mm256_min_epu16(sigma, tangent);
-        }
-        let noisy = _mm256_add_epi16(level, _mm256_mulhi_epi16(sigma, noise));
-        let value = _mm256_srai_epi16::<4>(_mm256_add_epi16(noisy, all(8)));
-        // Packing works on each half by itself: the two quarters that count are brought together.
-        _mm256_castsi256_si128(_mm256_permute4x64_epi64::<0b1000>(_mm256_packus_epi16(value, value)))
+    fn table(entries: &[u8; 16]) -> __m256i {
+        // SAFETY: an array of sixteen, and the load asks for no alignment.
+        _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(entries.as_ptr().cast()) })
     }
 
     /// Whole chunks of a row; returns how many pixels they were.
     #[target_feature(enable = "avx2")]
-    pub fn row(
-        tangents: &[Tangent; TOUCHED.len()],
-        means: &[u8],
-        gain: u16,
-        noise: &[i16],
-        out: &mut [u8],
-    ) -> usize {
-        let (gains, lines) = (all(gain), lines(tangents));
+    pub fn row(light: &Brightness, means: &[u8], noise: &[i16], out: &mut [u8]) -> usize {
+        let (low, high) = (table(&light.sigmas.low), table(&light.sigmas.high));
+        let gain = _mm256_set1_epi16(light.gain.cast_signed());
+        let brightest = _mm256_set1_epi16(BRIGHTEST.cast_signed());
+        let zero = _mm256_setzero_si256();
+        // Of one half of the pixels: means and deviations as the high bytes of 16 bits.
+        let developed = |means: __m256i, sigmas: __m256i, noise: &[i16]| {
+            let level = _mm256_min_epu16(_mm256_mulhi_epu16(means, gain), brightest);
+            let level = _mm256_add_epi16(level, _mm256_set1_epi16(64));
+            // SAFETY: the slice is of sixteen, and the load asks for no alignment.
+            let noise = unsafe { _mm256_loadu_si256(noise.as_ptr().cast()) };
+            _mm256_srai_epi16::<7>(_mm256_adds_epi16(level, _mm256_mulhi_epi16(sigmas, noise)))
+        };
         let chunks = means.as_chunks::<CHUNK>().0.iter().zip(noise.as_chunks::<CHUNK>().0);
         let mut done = 0;
-        for ((mean, noise), out) in chunks.zip(out.as_chunks_mut::<CHUNK>().0) {
-            // SAFETY: both are arrays of sixteen, and the loads ask for no alignment.
-            let (mean, noise) =
-                unsafe { (_mm_loadu_si128(mean.as_ptr().cast()), _mm256_loadu_si256(noise.as_ptr().cast())) };
-            let level = _mm256_srli_epi16::<4>(_mm256_mullo_epi16(_mm256_cvtepu8_epi16(mean), gains));
-            // SAFETY: an array of sixteen bytes; the store asks for no alignment.
-            unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), develop(&lines, level, noise)) };
+        for ((means, noise), out) in chunks.zip(out.as_chunks_mut::<CHUNK>().0) {
+            // SAFETY: an array of thirty-two bytes, and the load asks for no alignment.
+            let means = unsafe { _mm256_loadu_si256(means.as_ptr().cast()) };
+            let means = _mm256_permute4x64_epi64::<SWAP>(means);
+            // A lookup gives zero where its index has the highest bit: an index of 16 or more gets it by adding.
+            let fours = _mm256_and_si256(_mm256_srli_epi16::<2>(means), _mm256_set1_epi8(0x3f));
+            let fours = _mm256_adds_epu8(fours, _mm256_set1_epi8(0x70));
+            let sixteens = _mm256_and_si256(_mm256_srli_epi16::<4>(means), _mm256_set1_epi8(0x0f));
+            let sigmas =
+                _mm256_or_si256(_mm256_shuffle_epi8(low, fours), _mm256_shuffle_epi8(high, sixteens));
+            let first = developed(
+                _mm256_unpacklo_epi8(zero, means),
+                _mm256_unpacklo_epi8(zero, sigmas),
+                &noise[..16],
+            );
+            let second = developed(
+                _mm256_unpackhi_epi8(zero, means),
+                _mm256_unpackhi_epi8(zero, sigmas),
+                &noise[16..],
+            );
+            let values = _mm256_permute4x64_epi64::<SWAP>(_mm256_packus_epi16(first, second));
+            // SAFETY: an array of thirty-two bytes; the store asks for no alignment.
+            unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), values) };
             done += CHUNK;
         }
         done
-    }
-
-    /// One chunk of levels.
-    #[target_feature(enable = "avx2")]
-    pub fn levels(
-        tangents: &[Tangent; TOUCHED.len()],
-        levels: &[u16; CHUNK],
-        noise: &[i16; CHUNK],
-        out: &mut [u8; CHUNK],
-    ) {
-        // SAFETY: both are arrays of sixteen, and the loads ask for no alignment.
-        let (level, noise) = unsafe {
-            (_mm256_loadu_si256(levels.as_ptr().cast()), _mm256_loadu_si256(noise.as_ptr().cast()))
-        };
-        // SAFETY: an array of sixteen bytes; the store asks for no alignment.
-        unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), develop(&lines(tangents), level, noise)) };
     }
 }
 
@@ -255,12 +252,13 @@ mod tests {
             SensorNoise { dn_per_electron: 0.1, read_dn: 0.9 },
         ] {
             let developer = Developer::new(&noise, 3);
-            for (mean, gain) in [(6_u8, 256_u16), (20, 256), (60, 256), (100, 128), (200, 230), (220, 256)] {
-                let level = f64::from(mean) * f64::from(gain) / 256.0;
+            for (mean, gain) in [(6_u8, 1.0), (20, 1.0), (60, 1.0), (100, 0.5), (200, 0.9), (220, 1.0)] {
+                let level = f64::from(mean) * gain;
+                let light = developer.at(gain, 1.0);
                 let mut values = Vec::new();
                 for y in 0..200 {
                     let mut out = [0; 1000];
-                    developer.row(&[mean; 1000], gain, developer.row_noise(7, y, 1000), &mut out);
+                    developer.row(&light, &[mean; 1000], developer.row_noise(7, y, 1000), &mut out);
                     values.extend(out);
                 }
                 let (got_mean, got_variance) = statistics(&values);
@@ -279,12 +277,18 @@ mod tests {
         let means: Vec<u8> = (0..777).map(|i| (i % 256) as u8).collect();
         let noise = developer.row_noise(5, 9, means.len());
         let (mut whole, mut fine, mut plain) = (vec![0; 777], vec![0; 777], vec![0; 777]);
-        developer.row(&means, 256, noise, &mut whole);
+        let light = developer.full();
+        developer.row(&light, &means, noise, &mut whole);
         let floats: Vec<f32> = means.iter().map(|m| f32::from(*m)).collect();
         developer.fine_row(&floats, noise, &mut fine);
-        row(&developer.tangents, &means, 256, noise, &mut plain);
+        row(&light, &means, noise, &mut plain);
         assert_eq!(whole, plain);
         assert_eq!(whole, fine);
+        for light in [developer.at(0.83, 1.0), developer.at(1.7, 1.3)] {
+            developer.row(&light, &means, noise, &mut whole);
+            row(&light, &means, noise, &mut plain);
+            assert_eq!(whole, plain);
+        }
     }
 
     #[test]
@@ -292,7 +296,8 @@ mod tests {
         let developer = Developer::new(&SensorNoise { dn_per_electron: 0.05, read_dn: 0.5 }, 1);
         let (a, b) = (developer.row_noise(1, 4, 1000), developer.row_noise(2, 4, 1000));
         let dot: f64 = a.iter().zip(b).map(|(x, y)| f64::from(*x) * f64::from(*y)).sum();
-        let correlation = dot / (1000.0 * TABLE_SIGMA * TABLE_SIGMA);
+        let length = |v: &[i16]| v.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
+        let correlation = dot / (length(a) * length(b));
         assert!(correlation.abs() < 0.15, "{correlation}");
     }
 }

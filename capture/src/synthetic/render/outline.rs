@@ -4,7 +4,7 @@ use netcord_common::{
     geometry::{Camera, Point, Transform, World},
 };
 
-use super::canvas::Rect;
+use super::Rect;
 use crate::synthetic::scene::Body;
 
 /// An ellipsoid as a camera sees it: its exact outline, and the depth and normal of each of its points.
@@ -17,19 +17,19 @@ use crate::synthetic::scene::Body;
 #[derive(Debug, Clone, Copy)]
 pub struct Outline {
     /// Camera's directions to the unit sphere's coordinates.
-    to_unit: Matrix3<f64>,
+    pub to_unit: Matrix3<f64>,
     /// The camera's centre sees the sphere here.
-    centre: Vector3<f64>,
+    pub centre: Vector3<f64>,
     /// |c|² − 1.
-    beyond: f64,
+    pub beyond: f64,
     /// The unit sphere's normals to the world's, but for their length.
-    normal_to_world: Matrix3<f64>,
+    pub normal_to_world: Matrix3<f64>,
     /// ∂(normalised)/∂(pixel).
-    by_pixel: Matrix2<f64>,
+    pub by_pixel: Matrix2<f64>,
     /// Below the first t a ray is certainly inside, above the second certainly outside.
-    edge_t: (f64, f64),
+    pub edge_t: (f64, f64),
     /// Standard deviation of pixel and lens together, px.
-    blur_px: f64,
+    pub blur_px: f64,
     /// Image of its centre, px.
     #[cfg(test)]
     image: Vector2<f64>,
@@ -40,6 +40,7 @@ pub struct Outline {
 }
 
 /// A point of a body, as a pixel sees it.
+#[cfg(test)]
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Share of the pixel that the body covers, 0–1.
@@ -56,7 +57,7 @@ pub struct Seen {
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Beyond so many standard deviations an edge is fully in or out: 0.3 % of a step.
-const EDGE_SIGMAS: f64 = 3.0;
+pub const EDGE_SIGMAS: f64 = 3.0;
 
 impl Outline {
     /// How `camera` sees `body`; `None` when it is behind the camera, around it, or outside the model's
@@ -105,10 +106,9 @@ impl Outline {
         })
     }
 
-    /// What the pixel whose ray has the normalised coordinates `ray` sees of the body.
-    pub fn seen(&self, ray: [f32; 2]) -> Option<Seen> {
-        let a = &self.to_unit;
-        let direction = a * Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0);
+    /// Share of the pixel whose ray has the normalised coordinates `ray` that the body covers; `None` where none.
+    pub fn covered(&self, ray: [f32; 2]) -> Option<f64> {
+        let direction = self.direction(ray);
         let (dd, dc) = (direction.norm_squared(), direction.dot(&self.centre));
         // A ray that is not a number is refused too.
         if dc <= 0.0 || dc.is_nan() {
@@ -120,7 +120,20 @@ impl Outline {
             return None;
         }
         let t = (1.0 - h).max(0.0).sqrt();
-        let coverage = if t < inside { 1.0 } else { self.coverage(t, &direction, dd, dc)? };
+        if t < inside { Some(1.0) } else { self.coverage(t, &direction, dd, dc) }
+    }
+
+    /// A ray in the unit sphere's coordinates.
+    fn direction(&self, ray: [f32; 2]) -> Vector3<f64> {
+        self.to_unit * Vector3::new(f64::from(ray[0]), f64::from(ray[1]), 1.0)
+    }
+
+    /// What the pixel whose ray has the normalised coordinates `ray` sees of the body.
+    #[cfg(test)]
+    pub fn seen(&self, ray: [f32; 2]) -> Option<Seen> {
+        let coverage = self.covered(ray)?;
+        let direction = self.direction(ray);
+        let (dd, dc) = (direction.norm_squared(), direction.dot(&self.centre));
         let root = (dc * dc - dd * self.beyond).max(0.0).sqrt();
         let depth_m = (dc - root) / dd;
         let on_body = direction * depth_m - self.centre;
@@ -146,10 +159,14 @@ impl Outline {
     }
 }
 
-/// The cumulative normal distribution, to 2e-4 (Page 1977).
-fn step(x: f64) -> f64 {
-    1.0 / (1.0 + (-1.595_769_121_605_731 * x * (1.0 + 0.044_715 * x * x)).exp())
+/// The cumulative normal distribution from −3 to 3, to 3e-4: a polynomial of least greatest error.
+pub fn step(x: f64) -> f64 {
+    let s = x * x;
+    0.5 + x * STEP.iter().rev().fold(0.0, |sum, c| sum * s + f64::from(*c))
 }
+
+/// Coefficients of [`step`]: of x, x³, x⁵, x⁷ and x⁹.
+pub const STEP: [f32; 5] = [0.397_945_97, -0.063_984_974, 8.158_289e-3, -6.095_865e-4, 1.947_715_5e-5];
 
 #[cfg(test)]
 mod tests {

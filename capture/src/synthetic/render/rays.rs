@@ -1,10 +1,7 @@
 use nalgebra::Vector2;
 use netcord_common::camera::CameraModel;
 
-use super::{board::RayField, canvas::Rect};
-
-/// Side of a tile, px: what is looked up, opened and restored at a time.
-pub const TILE: usize = 16;
+use super::{Rect, TILE, TileGrid, board::RayField};
 
 /// For each pixel the undistorted normalised coordinates (x/z, y/z) of its ray, to 2e-4 px.
 /// A tile is computed when it is first asked for: most of a frame never is.
@@ -13,47 +10,39 @@ pub struct RayTable {
     model: CameraModel,
     rays: Vec<[f32; 2]>,
     known: Vec<bool>,
-    columns: usize,
+    grid: TileGrid,
 }
 
 impl RayTable {
     /// A table that knows nothing yet.
     pub fn new(model: &CameraModel) -> Self {
-        let (width, height) = (model.width as usize, model.height as usize);
-        let columns = width.div_ceil(TILE);
+        let grid = TileGrid { width: model.width as usize, height: model.height as usize };
         Self {
             model: *model,
-            rays: vec![[0.0; 2]; width * height],
-            known: vec![false; columns * height.div_ceil(TILE)],
-            columns,
+            rays: vec![[0.0; 2]; grid.width * grid.height],
+            known: vec![false; grid.count()],
+            grid,
         }
     }
 
     /// Makes sure of the rays of all pixels of `rect` that lie in the frame.
-    pub fn make_known(&mut self, rect: &Rect, width: usize, height: usize) {
-        let (columns, rows) = rect.within(width, height);
-        if columns.is_empty() || rows.is_empty() {
-            return;
-        }
-        for ty in rows.start / TILE..=(rows.end - 1) / TILE {
-            for tx in columns.start / TILE..=(columns.end - 1) / TILE {
-                self.make_tile_known(tx, ty);
+    pub fn make_known(&mut self, rect: &Rect) {
+        for tile in self.grid.touched(rect) {
+            if !std::mem::replace(&mut self.known[tile as usize], true) {
+                self.fill(tile);
             }
         }
     }
 
-    fn make_tile_known(&mut self, tx: usize, ty: usize) {
-        let tile = ty * self.columns + tx;
-        if self.known[tile] {
-            return;
-        }
-        self.known[tile] = true;
-        let (width, height) = (self.model.width as usize, self.model.height as usize);
+    fn fill(&mut self, tile: u32) {
+        let (xs, ys) = self.grid.pixels(tile);
         // Exact at nine places of the tile; a parabola through three of them, in each direction, is off by
         // its third derivative: below 1e-4 px even at the corners of wide lenses.
-        let place = |t: usize, i: usize| (t * TILE) as f64 + (i * TILE) as f64 * 0.5;
+        let place = |from: usize, i: usize| from as f64 + (i * TILE) as f64 * 0.5;
         let nodes: [[Option<Vector2<f64>>; 3]; 3] = std::array::from_fn(|j| {
-            std::array::from_fn(|i| self.model.undistort(&Vector2::new(place(tx, i), place(ty, j))))
+            std::array::from_fn(|i| {
+                self.model.undistort(&Vector2::new(place(xs.start, i), place(ys.start, j)))
+            })
         });
         let node = |i: usize, j: usize| nodes[j][i];
         let smooth = nodes.iter().flatten().all(Option::is_some);
@@ -61,11 +50,11 @@ impl RayTable {
             let s = 2.0 * k as f64 / TILE as f64;
             [0.5 * (s - 1.0) * (s - 2.0), s * (2.0 - s), 0.5 * s * (s - 1.0)]
         };
-        for y in ty * TILE..((ty + 1) * TILE).min(height) {
-            let down = weights(y - ty * TILE);
-            for x in tx * TILE..((tx + 1) * TILE).min(width) {
+        for y in ys.clone() {
+            let down = weights(y - ys.start);
+            for x in xs.clone() {
                 let ray = if smooth {
-                    let across = weights(x - tx * TILE);
+                    let across = weights(x - xs.start);
                     let mut sum = Vector2::zeros();
                     for (j, v) in down.iter().enumerate() {
                         for (i, u) in across.iter().enumerate() {
@@ -77,14 +66,14 @@ impl RayTable {
                     self.model.undistort(&Vector2::new(x as f64, y as f64))
                 };
                 // Where the lens has no inverse no light comes from anywhere: nothing is ever hit there.
-                self.rays[y * width + x] = ray.map_or([f32::NAN; 2], |n| [n.x as f32, n.y as f32]);
+                self.rays[y * self.grid.width + x] = ray.map_or([f32::NAN; 2], |n| [n.x as f32, n.y as f32]);
             }
         }
     }
 
     /// The ray of a pixel and its change to the next ones, from its neighbours, which must be known.
     pub fn field(&self, x: usize, y: usize) -> RayField {
-        let (width, height) = (self.model.width as usize, self.model.height as usize);
+        let TileGrid { width, height } = self.grid;
         let at = |x: usize, y: usize| {
             let [u, v] = self.rays[y * width + x];
             Vector2::new(f64::from(u), f64::from(v))
@@ -100,8 +89,7 @@ impl RayTable {
 
     /// The rays of a row, of which only known tiles are filled.
     pub fn row(&self, y: usize) -> &[[f32; 2]] {
-        let width = self.model.width as usize;
-        &self.rays[y * width..(y + 1) * width]
+        &self.rays[y * self.grid.width..(y + 1) * self.grid.width]
     }
 }
 
@@ -117,7 +105,7 @@ mod tests {
         let model =
             CameraModel::new((1920, 1200), (672.282, 672.689), (984.047, 602.967), lens).expect("valid");
         let mut table = RayTable::new(&model);
-        table.make_known(&Rect { x0: -5, y0: -5, x1: 3000, y1: 3000 }, 1920, 1200);
+        table.make_known(&Rect { x0: -5, y0: -5, x1: 3000, y1: 3000 });
         for y in (0..1200).step_by(37).chain([1199]) {
             for x in (0..1920).step_by(41).chain([1919]) {
                 let [nx, ny] = table.row(y)[x];

@@ -1,7 +1,3 @@
-use std::f64::consts::PI;
-
-use crate::synthetic::render::hash;
-
 /// Reflectance of red, green and blue, 0–1.
 pub type Rgb = [f32; 3];
 
@@ -38,19 +34,14 @@ impl Paint {
     }
 
     /// The reflectance at `(s, t)`, in metres on the surface.
-    pub fn at(&self, s: f64, t: f64) -> Rgb {
+    pub fn at(&self, s: f32, t: f32) -> Rgb {
         let share = match self.texture {
             Texture::Plain => return self.colour,
-            Texture::Stripes(per_m) => {
-                (0.5 + 2.0 * (f64::from(per_m) * t * 2.0 * PI).sin()).clamp(0.0, 1.0) as f32
-            }
-            Texture::Checks(per_m) => {
-                let k = f64::from(per_m) * PI;
-                (0.5 + 8.0 * (k * s).sin() * (k * t).sin()).clamp(0.0, 1.0) as f32
-            }
+            Texture::Stripes(per_m) => Texture::stripes(per_m, t),
+            Texture::Checks(per_m) => Texture::checks(per_m, s, t),
             Texture::Clouds(size_m, seed) => {
                 let k = 1.0 / size_m;
-                let (s, t) = (s as f32 * k, t as f32 * k);
+                let (s, t) = (s * k, t * k);
                 0.7 * value_noise(s, t, seed) + 0.3 * value_noise(s * 5.3, t * 5.3, seed ^ 0x55)
             }
         };
@@ -58,17 +49,54 @@ impl Paint {
     }
 }
 
+impl Texture {
+    /// Share of the second colour in stripes.
+    #[inline]
+    pub fn stripes(per_m: f32, t: f32) -> f32 {
+        (0.5 + 2.0 * wave(per_m * t)).clamp(0.0, 1.0)
+    }
+
+    /// Share of the second colour in squares.
+    #[inline]
+    pub fn checks(per_m: f32, s: f32, t: f32) -> f32 {
+        (0.5 + 8.0 * wave(0.5 * per_m * s) * wave(0.5 * per_m * t)).clamp(0.0, 1.0)
+    }
+}
+
+/// A wave of length one between −1 and 1, of parabolas in place of a sine.
+#[inline]
+fn wave(x: f32) -> f32 {
+    /// Adding and taking away 1.5 × 2²³ rounds to a whole number, without a call.
+    const ROUND: f32 = 12_582_912.0;
+    let x = x - ((x + ROUND) - ROUND);
+    8.0 * x * (1.0 - 2.0 * x.abs())
+}
+
 /// Values 0–1 at whole coordinates, smoothly joined between them.
 fn value_noise(s: f32, t: f32, seed: u32) -> f32 {
-    let (i, j) = (s.floor(), t.floor());
+    let (i, j) = (floor(s), floor(t));
     let ease = |x: f32| x * x * (3.0 - 2.0 * x);
-    let (fs, ft) = (ease(s - i), ease(t - j));
-    let at = |di: i64, dj: i64| {
-        let (i, j) = ((i as i64 + di) as u64, (j as i64 + dj) as u64);
-        let h = hash(i.wrapping_mul(0x0100_0000_01b3) ^ (j << 32) ^ u64::from(seed));
-        (h >> 40) as f32 / (1_u64 << 24) as f32
+    let (fs, ft) = (ease(s - i as f32), ease(t - j as f32));
+    let at = |di: i32, dj: i32| {
+        let h = scatter((i + di) as u32, (j + dj) as u32, seed);
+        (h >> 8) as f32 / (1_u32 << 24) as f32
     };
     let top = at(0, 0) + fs * (at(1, 0) - at(0, 0));
     let bottom = at(0, 1) + fs * (at(1, 1) - at(0, 1));
     top + ft * (bottom - top)
+}
+
+/// The next whole number below, without a call.
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(x < whole as f32)
+}
+
+/// Thirty-two bits that look random: two rounds of xor-shift and multiply, after Wellons' search for such
+/// constants (lowbias32).
+fn scatter(i: u32, j: u32, seed: u32) -> u32 {
+    let h = i.wrapping_mul(0x9e37_79b1) ^ j.wrapping_mul(0x85eb_ca77) ^ seed;
+    let h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
+    let h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
+    h ^ (h >> 16)
 }

@@ -121,11 +121,12 @@ impl Room {
         among: &[u16],
         pixel_at_1m: f64,
     ) -> Hit {
-        let (distance, axis) = leave(&self.hall.0, &self.hall.1, origin, direction);
+        let inverse = direction.map(|d| 1.0 / d);
+        let (distance, axis) = leave(&self.hall.0, &self.hall.1, origin, &inverse);
         let mut nearest = (distance, axis, usize::MAX);
         for index in among {
             let block = &self.blocks[usize::from(*index)];
-            if let Some((distance, axis)) = enter(&block.low, &block.high, origin, direction)
+            if let Some((distance, axis)) = enter(&block.low, &block.high, origin, &inverse)
                 && distance < nearest.0
             {
                 nearest = (distance, axis, usize::from(*index));
@@ -136,9 +137,9 @@ impl Room {
         let mut normal = Vector3::zeros();
         normal[axis] = -direction[axis].signum();
         let (s, t) = match axis {
-            0 => (at.y, at.z),
-            1 => (at.x, at.z),
-            _ => (at.x, at.y),
+            0 => (at.y as f32, at.z as f32),
+            1 => (at.x as f32, at.z as f32),
+            _ => (at.x as f32, at.y as f32),
         };
         let mut irradiance = self.light.on(&normal) as f32;
         let reflectance = match self.blocks.get(index) {
@@ -243,17 +244,17 @@ fn under_table(at: &Vector3<f64>) -> f64 {
     0.35 + 0.65 * ((outside + 0.35) / 0.7).clamp(0.0, 1.0)
 }
 
-/// Where a ray from outside enters a cuboid, and through the face across which axis.
+/// Where a ray from outside enters a cuboid, and through the face across which axis; `inverse` holds the inverses of
+/// its direction.
 fn enter(
     low: &Vector3<f64>,
     high: &Vector3<f64>,
     origin: &Vector3<f64>,
-    direction: &Vector3<f64>,
+    inverse: &Vector3<f64>,
 ) -> Option<(f64, usize)> {
     let (mut near, mut far, mut axis) = (0.0_f64, f64::INFINITY, usize::MAX);
     for i in 0..3 {
-        let inverse = 1.0 / direction[i];
-        let (a, b) = ((low[i] - origin[i]) * inverse, (high[i] - origin[i]) * inverse);
+        let (a, b) = ((low[i] - origin[i]) * inverse[i], (high[i] - origin[i]) * inverse[i]);
         let (a, b) = (a.min(b), a.max(b));
         if a > near {
             (near, axis) = (a, i);
@@ -268,12 +269,12 @@ fn leave(
     low: &Vector3<f64>,
     high: &Vector3<f64>,
     origin: &Vector3<f64>,
-    direction: &Vector3<f64>,
+    inverse: &Vector3<f64>,
 ) -> (f64, usize) {
     let mut nearest = (f64::INFINITY, 2);
     for i in 0..3 {
-        let wall = if direction[i] > 0.0 { high[i] } else { low[i] };
-        let distance = (wall - origin[i]) / direction[i];
+        let wall = if inverse[i] > 0.0 { high[i] } else { low[i] };
+        let distance = (wall - origin[i]) * inverse[i];
         if distance >= 0.0 && distance < nearest.0 {
             nearest = (distance, i);
         }
@@ -291,10 +292,11 @@ mod tests {
         let (low, high) = (Vector3::new(-1.0, -1.0, -1.0), Vector3::new(1.0, 2.0, 1.0));
         let from = Vector3::new(0.2, 0.3, 5.0);
         let down = Vector3::new(0.0, 0.0, -2.0);
-        assert_eq!(enter(&low, &high, &from, &down), Some((2.0, 2)));
-        assert_eq!(enter(&low, &high, &from, &-down), None);
-        assert_eq!(enter(&low, &high, &(from + Vector3::x() * 2.0), &down), None);
+        let inverse = |v: Vector3<f64>| v.map(|c| 1.0 / c);
+        assert_eq!(enter(&low, &high, &from, &inverse(down)), Some((2.0, 2)));
+        assert_eq!(enter(&low, &high, &from, &inverse(-down)), None);
+        assert_eq!(enter(&low, &high, &(from + Vector3::x() * 2.0), &inverse(down)), None);
         let inside = Vector3::new(0.0, 0.0, 0.0);
-        assert_eq!(leave(&low, &high, &inside, &Vector3::new(0.1, 1.0, 0.2)), (2.0, 1));
+        assert_eq!(leave(&low, &high, &inside, &inverse(Vector3::new(0.1, 1.0, 0.2))), (2.0, 1));
     }
 }
