@@ -36,6 +36,8 @@ pub(super) struct FlightTable {
     pub(super) hitting_plane_y_m: Option<f64>,
     pub(super) mass_kg: Option<Spanned<f64>>,
     pub(super) drag: Option<Spanned<f64>>,
+    pub(super) gravity_m_s2: Option<Spanned<f64>>,
+    pub(super) drag_induced: Option<Spanned<f64>>,
     pub(super) magnus: Option<Spanned<f64>>,
     pub(super) magnus_saturation: Option<Spanned<f64>>,
     pub(super) air_density_kg_m3: Option<Spanned<f64>>,

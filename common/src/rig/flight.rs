@@ -16,9 +16,15 @@ impl Default for HittingPlane {
 pub struct FlightConstants {
     /// Mass, kg; 0.0027 by the rules.
     pub mass_kg: f64,
+    /// Acceleration of a ball let go in still air, m/s²: free fall less what buoyancy and the air that is
+    /// carried along take, (m − ρV) / (m + ½ρV) = 2.2 %.
+    pub gravity_m_s2: f64,
     /// Drag coefficient C_d in F = ½ ρ C_d A v².
     pub drag: f64,
-    /// Magnus coefficient C_M in F = C_M ρ V ω × v / (1 + c S), S = r |ω × v| / v² being the spin parameter.
+    /// What lift adds to the drag coefficient, over the square of the lift coefficient.
+    pub drag_induced: f64,
+    /// Magnus coefficient C_M in F = C_M ρ V ω × v / √(1 + c² S²), S = r |ω × v| / v² being the spin
+    /// parameter.
     pub magnus: f64,
     /// How soon lift saturates: c above; 0 for a force in proportion to the spin.
     pub magnus_saturation: f64,
@@ -33,19 +39,21 @@ pub struct FlightConstants {
 }
 
 impl Default for FlightConstants {
-    /// Fitted to 275 real flights (two amateurs' strokes, and balls from two launchers; `netcord predict
-    /// --evaluate` on half of them by a hash of their names), within what is published: drag 0.45–0.6 in
-    /// flight with spin, table restitution 0.85–0.98 falling with speed, friction 0.25–0.3. The lift
-    /// saturates: C_L is about 0.2 from S = 0.3 to 1. Air at 20 °C and 101 kPa.
+    /// Fitted to half of 275 real flights (two amateurs' strokes, and balls from two launchers), chosen by a
+    /// hash of their names, for the least prediction error (`netcord predict --evaluate`); within what is
+    /// published: drag 0.45–0.6 in flight with spin, table restitution 0.85–0.98 falling with speed, friction
+    /// 0.25–0.3. The lift saturates near C_L = 0.3. Air at 20 °C and 101 kPa.
     fn default() -> Self {
         Self {
             mass_kg: 0.0027,
-            drag: 0.58,
-            magnus: 0.585,
-            magnus_saturation: 3.64,
+            gravity_m_s2: 9.59,
+            drag: 0.46,
+            drag_induced: 1.4,
+            magnus: 0.40,
+            magnus_saturation: 3.5,
             air_density_kg_m3: 1.204,
             restitution: 0.98,
-            restitution_slope_s_m: 0.0105,
+            restitution_slope_s_m: 0.0095,
             friction: 0.25,
         }
     }

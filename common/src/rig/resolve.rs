@@ -252,7 +252,9 @@ impl Source<'_> {
         };
         Ok(FlightConstants {
             mass_kg: get("mass_kg", &table.mass_kg, d.mass_kg, 1e-4..=1.0)?,
+            gravity_m_s2: get("gravity_m_s2", &table.gravity_m_s2, d.gravity_m_s2, 0.0..=20.0)?,
             drag: get("drag", &table.drag, d.drag, 0.0..=2.0)?,
+            drag_induced: get("drag_induced", &table.drag_induced, d.drag_induced, 0.0..=10.0)?,
             magnus: get("magnus", &table.magnus, d.magnus, -1.0..=2.0)?,
             magnus_saturation: get(
                 "magnus_saturation",

@@ -9,7 +9,7 @@ use super::{
 };
 
 /// Most hypotheses at a time.
-pub const MAX_HYPOTHESES: usize = 6;
+pub const MAX_HYPOTHESES: usize = 8;
 /// A hypothesis of less than this share of the weight is given up.
 const NEGLIGIBLE: f64 = 1e-5;
 /// A way that a ball may take at the table's edge with less than this chance is not followed.

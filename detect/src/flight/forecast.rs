@@ -21,11 +21,15 @@ pub struct Crossing {
     pub covariance: Matrix3<f64>,
     /// Standard deviation of the instant, s.
     pub sigma_t_s: f64,
+    /// The coordinate that the plane is across.
+    pub axis: usize,
+    /// Whether the ball bounces before.
+    pub after_bounce: bool,
 }
 
 impl Crossing {
     /// Where `belief`, moving fast enough along `axis`, passes the plane that it is on now.
-    fn at(belief: &Belief, after_s: f64, axis: usize) -> Self {
+    fn at(belief: &Belief, after_s: f64, axis: usize, after_bounce: bool) -> Self {
         let v = belief.velocity();
         let rate = v[axis].signum() * v[axis].abs().max(0.1);
         let mut onto = Matrix3::<f64>::identity();
@@ -38,6 +42,8 @@ impl Crossing {
             belief: *belief,
             covariance: onto * p * onto.transpose(),
             sigma_t_s: p[(axis, axis)].max(0.0).sqrt() / rate.abs(),
+            axis,
+            after_bounce,
         }
     }
 }
@@ -62,7 +68,8 @@ pub struct Ahead {
     pub landing: Option<(Descent, Crossing)>,
 }
 
-/// Follows `belief` for `horizon_s`; `at_point(k, belief)` is told every [`PATH_STEP_S`], from k = 1 on.
+/// Follows `belief` for `horizon_s`; `at_point(k, belief, bounced)` is told every [`PATH_STEP_S`], from k = 1 on;
+/// `bounced`: whether the ball has come down by then.
 /// `plane_y_m`: the hitting plane.
 pub fn look_ahead(
     flow: &Flow,
@@ -70,7 +77,7 @@ pub fn look_ahead(
     exempt: Exempt,
     horizon_s: f64,
     plane_y_m: Option<f64>,
-    mut at_point: impl FnMut(usize, &Belief),
+    mut at_point: impl FnMut(usize, &Belief, bool),
 ) -> Ahead {
     let (mut at, mut exempt, mut ahead) = (*belief, exempt, Ahead::default());
     let steps = (horizon_s / PATH_STEP_S).round() as usize;
@@ -82,8 +89,10 @@ pub fn look_ahead(
             if ahead.landing.is_none() {
                 let after_s = start_s + contact.after_s;
                 ahead.landing = match contact.touched {
-                    Touched::Table => Some((Descent::Table, Crossing::at(&contact.before, after_s, 2))),
-                    Touched::Net => Some((Descent::Net, Crossing::at(&contact.before, after_s, 1))),
+                    Touched::Table => {
+                        Some((Descent::Table, Crossing::at(&contact.before, after_s, 2, false)))
+                    }
+                    Touched::Net => Some((Descent::Net, Crossing::at(&contact.before, after_s, 1, false))),
                     Touched::Floor => None,
                 };
             }
@@ -94,16 +103,17 @@ pub fn look_ahead(
             && at.mean[2] <= level
         {
             let (crossed, after_s) = pass(flow, &before, exempt_before, 2, level);
-            ahead.landing = Some((Descent::Beside, Crossing::at(&crossed, start_s + after_s, 2)));
+            ahead.landing = Some((Descent::Beside, Crossing::at(&crossed, start_s + after_s, 2, false)));
         }
         if ahead.crossing.is_none()
             && let Some(y) = plane_y_m
             && (before.mean[1] - y) * (at.mean[1] - y) < 0.0
         {
             let (crossed, after_s) = pass(flow, &before, exempt_before, 1, y);
-            ahead.crossing = Some(Crossing::at(&crossed, start_s + after_s, 1));
+            let after_bounce = ahead.landing.is_some_and(|(_, l)| l.after_s < start_s + after_s);
+            ahead.crossing = Some(Crossing::at(&crossed, start_s + after_s, 1, after_bounce));
         }
-        at_point(k, &at);
+        at_point(k, &at, ahead.landing.is_some());
     }
     ahead
 }

@@ -17,11 +17,11 @@ impl Default for Tuning {
     fn default() -> Self {
         Self {
             noise: ModelNoise {
-                acceleration: 0.033,
-                spin: 40.0,
-                bounce: BounceScatter { normal: 0.013, tangential: 0.08, tangential_floor_m_s: 0.021 },
+                acceleration: 0.034,
+                spin: 38.0,
+                bounce: BounceScatter { normal: 0.0125, tangential: 0.1, tangential_floor_m_s: 0.021 },
             },
-            latitude: Latitude { drag: 0.17, restitution: 0.026, forgetting: 0.14 },
+            latitude: Latitude { drag: 0.13, restitution: 0.026, slant_m_s2: 0.2, forgetting: 0.14 },
         }
     }
 }

@@ -18,7 +18,7 @@ const TICK_S: f64 = 1e-5;
 /// The example rig with the constants of this simulation, the published middle values.
 fn rig() -> Rig {
     let mut rig = Rig::parse(RIG, "example-2cam.toml".as_ref()).expect("the example is valid");
-    rig.flight.drag = 0.47;
+    (rig.flight.drag, rig.flight.drag_induced, rig.flight.gravity_m_s2) = (0.47, 0.0, 9.81);
     (rig.flight.magnus, rig.flight.magnus_saturation) = (0.12, 0.0);
     (rig.flight.restitution, rig.flight.restitution_slope_s_m) = (0.98, 0.02);
     (rig.flight.friction, rig.flight.air_density_kg_m3) = (0.25, 1.204);

@@ -8,7 +8,7 @@ use super::{
     bank::{Bank, Hypothesis},
     belief::Belief,
     flow::{Exempt, Flow},
-    physics::{DRAG, RESTITUTION, STATE, StateMatrix, join},
+    physics::{DRAG, RESTITUTION, SLANT, STATE, StateMatrix, join},
     prior,
 };
 
@@ -71,32 +71,41 @@ const RECONCILE_M_S: f64 = 0.5;
 /// A flight seen for less time teaches nothing of ball and table, ns.
 const INSTRUCTIVE_NS: u64 = 150_000_000;
 
-/// Drag and restitution of this ball and table relative to the rig file's, learned flight by flight.
-/// Mean and variance of each.
+/// How many numbers of a state are peculiar to ball, table and frame: the last of it.
+const PECULIAR: usize = STATE - DRAG;
+
+/// What is peculiar to this ball, table and frame ([`DRAG`], [`RESTITUTION`], [`SLANT`]), learned flight by
+/// flight: mean and variance of each.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Habits {
-    drag: (f64, f64),
-    restitution: (f64, f64),
-}
+pub struct Habits([(f64, f64); PECULIAR]);
 
 impl Habits {
     /// Nothing learned yet.
     pub fn new(latitude: &Latitude) -> Self {
-        Self { drag: (0.0, latitude.drag.powi(2)), restitution: (0.0, latitude.restitution.powi(2)) }
+        Self(latitude.sigmas().map(|sigma| (0.0, sigma * sigma)))
     }
 }
 
-/// How far ball and table may differ from the rig file's constants, as standard deviations: of the
-/// logarithm of the drag, and of the restitution. Also how much of what was learned is forgotten with
-/// each flight, as a share of that.
+/// How far ball, table and frame may differ from the rig file, as standard deviations, and how much of what
+/// was learned is forgotten with each flight, as a share of that.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Latitude {
     /// Of the logarithm of the drag.
     pub drag: f64,
     /// Of the restitution.
     pub restitution: f64,
+    /// Of each horizontal acceleration, m/s².
+    pub slant_m_s2: f64,
     /// Share of the above by which it may change from flight to flight.
     pub forgetting: f64,
+}
+
+impl Latitude {
+    /// In the order of a state.
+    fn sigmas(&self) -> [f64; PECULIAR] {
+        const { assert!(RESTITUTION == DRAG + 1 && SLANT == DRAG + 2 && STATE == SLANT + 2) };
+        [self.drag, self.restitution, self.slant_m_s2, self.slant_m_s2]
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -251,14 +260,13 @@ impl Tracker {
         if let Some(best) = self.bank.best()
             && self.t_ns - self.began_ns >= INSTRUCTIVE_NS
         {
-            let learned = |i: usize, latitude: f64| {
-                let kept = best.belief.covariance[(i, i)] + (self.latitude.forgetting * latitude).powi(2);
-                (best.belief.mean[i], kept.min(latitude * latitude))
-            };
-            self.habits = Habits {
-                drag: learned(DRAG, self.latitude.drag),
-                restitution: learned(RESTITUTION, self.latitude.restitution),
-            };
+            let sigmas = self.latitude.sigmas();
+            self.habits = Habits(std::array::from_fn(|i| {
+                let place = DRAG + i;
+                let forgotten = (self.latitude.forgetting * sigmas[i]).powi(2);
+                let variance = best.belief.covariance[(place, place)] + forgotten;
+                (best.belief.mean[place], variance.min(sigmas[i] * sigmas[i]))
+            }));
         }
         self.bank.clear();
         self.history.clear();
@@ -454,16 +462,14 @@ impl Beginning {
         let mut bank = Bank::default();
         for (share, spin, spin_covariance) in prior::spin(&self.velocity) {
             let mut mean = join(&self.position, &self.velocity, &spin);
-            mean[DRAG] = habits.drag.0;
-            mean[RESTITUTION] = habits.restitution.0;
             let mut covariance = StateMatrix::zeros();
-            for i in 0..STATE {
-                covariance[(i, i)] = match i {
-                    0..3 => 1.0,
-                    3..6 => 400.0,
-                    DRAG => habits.drag.1,
-                    _ => habits.restitution.1,
-                };
+            for i in 0..3 {
+                covariance[(i, i)] = 1.0;
+                covariance[(i + 3, i + 3)] = 400.0;
+            }
+            for (i, (learned, variance)) in (DRAG..).zip(habits.0) {
+                mean[i] = learned;
+                covariance[(i, i)] = variance;
             }
             covariance.fixed_view_mut::<3, 3>(6, 6).copy_from(&spin_covariance);
             let belief = Belief::new(mean, covariance);

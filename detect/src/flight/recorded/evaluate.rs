@@ -8,7 +8,7 @@ use super::{
     truth::{self, Arc},
 };
 use crate::flight::{
-    confidence,
+    confidence::{Doubt, TOLERANCE_M},
     flow::{Flow, Table},
     forecast::{PATH_STEP_S, look_ahead},
     physics::Forces,
@@ -147,7 +147,7 @@ pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option
 
 /// How much larger the errors of positions are than their scatter from one to the next shows: slow
 /// errors (of calibration, of a camera that takes over) are common to neighbours. Found with the tuning.
-const SLOW_ERRORS: f64 = 2.0;
+const SLOW_ERRORS: f64 = 1.5;
 
 /// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
 /// shows it: from third differences, which no flight has, by their median size.
@@ -252,16 +252,19 @@ fn ask(tracker: &Tracker, t_s: f64, plane_y_m: f64) -> Option<Said> {
     let bank = tracker.bank_at(ns(t_s));
     let best = bank.consensus()?;
     let mut path = [Vector3::zeros(); HORIZONS_MS.len()];
-    let ahead = look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief| {
-        let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
-        if let Some(i) = HORIZONS_MS.iter().position(|h| *h == ms) {
-            path[i] = belief.position();
-        }
-    });
+    let ahead =
+        look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief, _| {
+            let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
+            if let Some(i) = HORIZONS_MS.iter().position(|h| *h == ms) {
+                path[i] = belief.position();
+            }
+        });
     Some(Said {
         path,
         landing: ahead.landing.map(|(_, c)| c.belief.position()),
-        hitting: ahead.crossing.map(|c| (c.belief.position(), confidence::of(&c.covariance, best.weight))),
+        hitting: ahead
+            .crossing
+            .map(|c| (c.belief.position(), Doubt::of_crossing(&c).confidence(best.weight))),
     })
 }
 
@@ -350,7 +353,7 @@ fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut 
     let ahead_s = w[0].t_s + share * (w[1].t_s - w[0].t_s) - flight[k].t_s;
     let (error, p) =
         said.hitting.map_or((f64::INFINITY, 0.0), |(predicted, p)| ((predicted - truth).norm(), p));
-    result.bets.push((p, error <= confidence::TOLERANCE_M));
+    result.bets.push((p, error <= TOLERANCE_M));
     let nearest = (ahead_s * 10.0).round() as usize;
     if (1..=HORIZONS_MS.len()).contains(&nearest) {
         result.hitting_m[nearest - 1].push(error);

@@ -23,7 +23,7 @@ const STEPS: [f64; FITTED] = [0.01, 0.02, 0.005, 0.002, 0.01];
 /// Most Newton steps.
 const ITERATIONS: usize = 6;
 /// Constants are fitted, so the filter may not learn others.
-const NO_LATITUDE: Latitude = Latitude { drag: 0.01, restitution: 0.003, forgetting: 1.0 };
+const NO_LATITUDE: Latitude = Latitude { drag: 0.01, restitution: 0.003, slant_m_s2: 0.05, forgetting: 1.0 };
 
 /// Recordings that share a frame, and what is known of it.
 #[derive(Debug, Clone, Copy)]
