@@ -4,6 +4,7 @@
 mod cpu;
 mod deployment;
 mod error;
+mod foresight;
 mod judge;
 mod plots;
 mod report;
@@ -13,6 +14,7 @@ mod view;
 
 pub use deployment::Deployment;
 pub use error::TrialError;
+pub use foresight::ForesightErrors;
 pub use judge::{Judge, Judged, Judgement, Score};
 pub use report::TrialReport;
 pub use running::run;

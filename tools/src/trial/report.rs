@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Setup, judge::Score};
+use super::{ForesightErrors, Setup, judge::Score};
 use crate::observer::{FrameReport, LatencyReport};
 
 /// What a trial came to.
@@ -11,6 +11,10 @@ pub struct TrialReport {
     /// Tracking, held against the truth.
     #[serde(flatten)]
     pub score: Score,
+    /// How far off the predicted place in the hitting plane was.
+    pub hitting_plane_error: ForesightErrors,
+    /// How far off the predicted landing point was.
+    pub landing_error: ForesightErrors,
     /// Latencies of the positions.
     pub latency_ms: LatencyReport,
     /// Frames, by what became of them.
@@ -67,6 +71,7 @@ impl From<&Setup> for SetupReport {
 const MIN_RECALL: f64 = 0.99;
 const MAX_MEDIAN_MM: f64 = 2.0;
 const MAX_P95_MM: f64 = 6.0;
+const MAX_HITTING_MM: f64 = 20.0;
 const MAX_P50_MS: f64 = 1.0;
 const MAX_P99_MS: f64 = 3.0;
 const MAX_P999_MS: f64 = 10.0;
@@ -93,6 +98,10 @@ impl TrialReport {
         at_most("false positions", Some(self.score.false_positions as f64), 0.0, "");
         at_most("median error", self.score.error_mm.map(|e| e.median), MAX_MEDIAN_MM, " mm");
         at_most("95 % error", self.score.error_mm.map(|e| e.p95), MAX_P95_MM, " mm");
+        if self.hitting_plane_error.n > 0 {
+            let median = self.hitting_plane_error.median_mm;
+            at_most("hitting-plane error 0.3 s ahead, median,", median, MAX_HITTING_MM, " mm");
+        }
         at_most("lost frames", Some(self.frames.lost as f64), 0.0, "");
         at_most("unsynchronised frames", Some(self.frames.unsynchronised as f64), 0.0, "");
         let latency = self.latency_ms.frame_to_position;
@@ -118,6 +127,17 @@ impl TrialReport {
             lines.push(format!(
                 "  error: median {:.2} mm, 95 % {:.2} mm, RMS {:.2} mm",
                 e.median, e.p95, e.rms
+            ));
+        }
+        for (what, e) in [("hitting plane", &self.hitting_plane_error), ("landing", &self.landing_error)] {
+            let mm = |v: Option<f64>| v.map_or_else(|| "-".into(), |v| format!("{v:.1} mm"));
+            lines.push(format!(
+                "  prediction of the {what}, {:.2} s ahead: median {}, 90 % {} ({} events, {} not predicted)",
+                e.lead_s,
+                mm(e.median_mm),
+                mm(e.p90_mm),
+                e.n,
+                e.missing
             ));
         }
         for (reason, count) in &self.score.without_position {

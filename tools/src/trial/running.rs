@@ -11,8 +11,8 @@ use netcord_common::{
 };
 
 use super::{
-    Deployment, Judged, Setup, TrialError, TrialReport, cpu::CpuUse, judge::Judge, plots::write_plots,
-    view::TableView,
+    Deployment, Judged, Setup, TrialError, TrialReport, cpu::CpuUse, example_rig, foresight::Foresight,
+    judge::Judge, plots::write_plots, view::TableView,
 };
 use crate::{
     observer::{Latencies, Losses, Observed, Tally},
@@ -62,6 +62,7 @@ pub fn run(setup: &Setup, stop: &Shutdown, live: &mut LiveLines) -> Result<Trial
 #[derive(Debug, Default)]
 struct Log {
     judge: Judge,
+    foresight: Foresight,
     framesets: Vec<Frameset>,
     detections: Vec<Detections>,
     positions: Vec<BallPosition>,
@@ -128,14 +129,20 @@ fn live_lines(log: &Log, now: u64, view: &TableView, tally: &Tally) -> Vec<Strin
 impl Log {
     fn take(&mut self, seen: &Observed<'_>) {
         match seen {
-            Observed::Truth(truth) => self.judge.truth(truth),
+            Observed::Truth(truth) => {
+                self.judge.truth(truth);
+                self.foresight.truth(truth);
+            }
             Observed::Frameset(frameset) => self.framesets.push(**frameset),
             Observed::Detections(detections) => self.detections.push(**detections),
             Observed::Position(position) => {
                 self.judge.position(position);
                 self.positions.push(**position);
             }
-            Observed::Trajectory(trajectory) => self.trajectories.push(**trajectory),
+            Observed::Trajectory(trajectory) => {
+                self.foresight.trajectory(trajectory);
+                self.trajectories.push(**trajectory);
+            }
             Observed::Health(health) => self.health.push(**health),
         }
     }
@@ -171,8 +178,11 @@ impl Log {
         for trajectory in self.trajectories.iter().filter(|t| judged.contains(&t.trigger_id)) {
             latencies.trajectory(trajectory);
         }
+        let plane_y_m = example_rig(setup.cameras)?.hitting_plane.y_m;
         let mut report = TrialReport {
             score,
+            hitting_plane_error: self.foresight.hitting_errors(plane_y_m, self.from_ns, self.to_ns),
+            landing_error: self.foresight.landing_errors(self.from_ns, self.to_ns),
             latency_ms: latencies.report(),
             frames: self.losses(first, last).report(),
             rate_hz: (answered > 1).then(|| (answered - 1) as f64 / (end_ns - begin_ns) as f64 * 1e9),
