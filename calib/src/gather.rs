@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::{
-    detect::{Absence, BoardView, Depth, Detector, Luma},
+    detect::{Absence, BoardView, Depth, Detector, Luma, convex_hull},
     solve::{CameraViews, View},
 };
 
@@ -37,12 +37,12 @@ pub enum Rejection {
     /// It cannot be read.
     #[error("it cannot be read as a picture: {0}")]
     Unreadable(String),
-    /// It has another size than the first.
-    #[error("it is {found:?} px, but the first picture of this camera is {expected:?} px")]
+    /// It has another size than the others.
+    #[error("it is {found:?} px, but most pictures of this camera are {expected:?} px")]
     Size {
         /// Its size.
         found: (u32, u32),
-        /// The first picture's size.
+        /// That of most pictures.
         expected: (u32, u32),
     },
     /// There is no board.
@@ -142,10 +142,23 @@ pub fn gather(
     options: &GatherOptions,
     done: &(dyn Fn() + Sync),
 ) -> Gathered {
+    let named: Vec<(String, &Path)> = pictures.iter().map(|p| (p.name.clone(), p.path.as_path())).collect();
+    gather_from(camera, &named, |path| read(path), detector, options, done)
+}
+
+/// As [`gather`], from pictures of any kind by their names, such as the frames of a recording.
+pub fn gather_from<P: Sync>(
+    camera: &str,
+    pictures: &[(String, P)],
+    read: impl Fn(&P) -> Result<Luma, Rejection> + Sync,
+    detector: &Detector,
+    options: &GatherOptions,
+    done: &(dyn Fn() + Sync),
+) -> Gathered {
     let found: Vec<Result<(BoardView, (u32, u32)), Rejection>> = pictures
         .par_iter()
-        .map(|p| {
-            let picture = read(&p.path);
+        .map(|(_, p)| {
+            let picture = read(p);
             let result = picture.and_then(|image| {
                 let size = (image.width() as u32, image.height() as u32);
                 match detector.find(&image, Depth::Final) {
@@ -157,13 +170,12 @@ pub fn gather(
             result
         })
         .collect();
-    let mut size = None;
+    let size = usual_size(found.iter().flatten().map(|(_, size)| *size));
     let mut kept: Vec<(View, Vec<Vector2<f64>>)> = Vec::new();
     let mut rejected = Vec::new();
-    for (picture, result) in pictures.iter().zip(found) {
+    for ((name, _), result) in pictures.iter().zip(found) {
         let verdict = result.and_then(|(board, found)| {
-            let expected = *size.get_or_insert(found);
-            if found != expected {
+            if let Some(expected) = size.filter(|expected| *expected != found) {
                 return Err(Rejection::Size { found, expected });
             }
             let outlines: Vec<(&str, &[Vector2<f64>])> =
@@ -172,12 +184,63 @@ pub fn gather(
             Ok(board)
         });
         match verdict {
-            Ok(board) => kept.push((detector.view(&picture.name, &board), Detector::outline(&board))),
-            Err(reason) => rejected.push((picture.name.clone(), reason)),
+            Ok(board) => kept.push((detector.view(name, &board), Detector::outline(&board))),
+            Err(reason) => rejected.push((name.clone(), reason)),
         }
     }
     let views = kept.into_iter().map(|(v, _)| v).collect();
     Gathered { views: CameraViews { name: camera.to_owned(), size: size.unwrap_or((0, 0)), views }, rejected }
+}
+
+/// The size that most pictures have; of equally many the first.
+fn usual_size(sizes: impl Iterator<Item = (u32, u32)>) -> Option<(u32, u32)> {
+    let mut counts: Vec<((u32, u32), usize)> = Vec::new();
+    for size in sizes {
+        match counts.iter_mut().find(|(s, _)| *s == size) {
+            Some((_, n)) => *n += 1,
+            None => counts.push((size, 1)),
+        }
+    }
+    let most = counts.iter().map(|(_, n)| *n).max()?;
+    counts.into_iter().find(|(_, n)| *n == most).map(|(s, _)| s)
+}
+
+/// Of views of several cameras at the same instants, those that tell most, in order: an instant is kept when,
+/// to at least one of the cameras that see it, the board stands otherwise than in all kept before
+/// ([`GatherOptions::max_iou`]), until each camera has [`GatherOptions::max_views`]. Returns the names left out.
+pub fn thin_out(cameras: &mut [CameraViews], options: &GatherOptions) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for view in cameras.iter().flat_map(|c| &c.views) {
+        if !names.contains(&view.name) {
+            names.push(view.name.clone());
+        }
+    }
+    let mut kept: Vec<Vec<Vec<Vector2<f64>>>> = vec![Vec::new(); cameras.len()];
+    let mut left_out = Vec::new();
+    // What two cameras see comes first: it gives poses as well as intrinsics.
+    let seen_by = |name: &str| cameras.iter().filter(|c| c.views.iter().any(|v| v.name == name)).count();
+    let (together, alone): (Vec<String>, Vec<String>) = names.into_iter().partition(|n| seen_by(n) >= 2);
+    for name in together.into_iter().chain(alone) {
+        let outlines: Vec<(usize, Vec<Vector2<f64>>)> = cameras
+            .iter()
+            .enumerate()
+            .filter_map(|(i, c)| c.views.iter().find(|v| v.name == name).map(|v| (i, v)))
+            .map(|(i, v)| (i, convex_hull(v.image.clone())))
+            .collect();
+        let room = outlines.iter().any(|(i, _)| kept[*i].len() < options.max_views);
+        let new = outlines.iter().any(|(i, outline)| {
+            kept[*i].iter().all(|k| intersection_over_union(outline, k) <= options.max_iou)
+        });
+        if room && new {
+            outlines.into_iter().for_each(|(i, outline)| kept[i].push(outline));
+        } else {
+            left_out.push(name);
+        }
+    }
+    for camera in cameras {
+        camera.views.retain(|v| !left_out.contains(&v.name));
+    }
+    left_out
 }
 
 /// Whether a view is worth keeping beside those whose outlines are `kept`.

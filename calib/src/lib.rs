@@ -1,7 +1,8 @@
 //! Calibration: from printed boards to a rig whose every number carries its uncertainty.
 //!
-//! [`board`] describes and prints boards, [`detect`] finds them in pictures, [`gather`] chooses views, and
-//! [`solve`] computes cameras, rigs and their covariances.
+//! [`board`] describes and prints boards, [`detect`] finds them in pictures, [`gather`] chooses views,
+//! [`solve`] computes cameras, rigs and their covariances, [`table`] finds the table before them, and
+//! [`check`] says what a finished calibration is worth today.
 //!
 //! ```
 //! use netcord_calib::board::CalibrationBoard;
@@ -12,6 +13,8 @@
 //! ```
 
 pub mod board;
+pub mod check;
 pub mod detect;
 pub mod gather;
 pub mod solve;
+pub mod table;

@@ -12,6 +12,7 @@ mod saddle;
 
 use nalgebra::Vector2;
 
+pub(crate) use detector::convex_hull;
 pub use detector::{Absence, BoardView, Detector};
 pub use luma::Luma;
 pub use markers::Marker;

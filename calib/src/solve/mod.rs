@@ -3,6 +3,7 @@
 mod block;
 mod bundle;
 mod error;
+mod gravity;
 mod homography;
 mod loss;
 mod mono;
@@ -18,6 +19,7 @@ mod zhang;
 pub use block::Block;
 pub use bundle::{Bundle, BundleCamera, Freedom, Sighting, Solution, SolveOptions};
 pub use error::CalibrationError;
+pub use gravity::{STANDARD_GRAVITY, scale_by_gravity};
 pub use homography::{apply as apply_homography, homography};
 pub use loss::Loss;
 pub use mono::{INTRINSIC_NAMES, MonoCalibration, MonoOptions, Outlier, ViewFit, calibrate_mono};
