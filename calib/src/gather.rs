@@ -32,7 +32,7 @@ impl Default for GatherOptions {
 }
 
 /// Why a picture was not kept.
-#[derive(Debug, Error)]
+#[derive(Debug, Clone, Error)]
 pub enum Rejection {
     /// It cannot be read.
     #[error("it cannot be read as a picture: {0}")]

@@ -1,8 +1,8 @@
 //! Calibration: from printed boards to a rig whose every number carries its uncertainty.
 //!
 //! [`board`] describes and prints boards, [`detect`] finds them in pictures, [`gather`] chooses views,
-//! [`solve`] computes cameras, rigs and their covariances, [`table`] finds the table before them, and
-//! [`check`] says what a finished calibration is worth today.
+//! [`solve`] computes cameras, rigs and their covariances, [`table`] finds the table before them,
+//! [`check`] says what a finished calibration is worth today, and [`session`] leads a person through all of it.
 //!
 //! ```
 //! use netcord_calib::board::CalibrationBoard;
@@ -16,5 +16,6 @@ pub mod board;
 pub mod check;
 pub mod detect;
 pub mod gather;
+pub mod session;
 pub mod solve;
 pub mod table;

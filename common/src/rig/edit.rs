@@ -8,7 +8,10 @@ use nalgebra::{Matrix3, Vector3};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
 
 use super::{IntrinsicsSigma, Rig, RigError};
-use crate::{camera::CameraModel, name::CameraName};
+use crate::{
+    camera::{CameraModel, Distortion},
+    name::CameraName,
+};
 
 /// What calibration notes beside its result.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -54,12 +57,31 @@ impl RigEdit {
         Self { path: path.to_owned(), document }
     }
 
+    /// The rig's name.
+    pub fn name(&self) -> Option<&str> {
+        self.document.get("name")?.as_str()
+    }
+
     /// Names of the cameras in the file.
     pub fn camera_names(&self) -> Vec<String> {
         let Some(cameras) = self.document.get("camera").and_then(Item::as_array_of_tables) else {
             return Vec::new();
         };
         cameras.iter().filter_map(|c| c.get("name")?.as_str().map(str::to_owned)).collect()
+    }
+
+    /// The intrinsics of the camera called `name`; `None` where the file does not give them whole.
+    pub fn intrinsics(&self, name: &str) -> Option<CameraModel> {
+        let cameras = self.document.get("camera")?.as_array_of_tables()?;
+        let camera = cameras.iter().find(|c| c.get("name").and_then(Item::as_str) == Some(name))?;
+        let size = |key: &str| u32::try_from(camera.get(key)?.as_integer()?).ok();
+        let table = camera.get("intrinsics")?.as_table_like()?;
+        let number = |item: &Value| item.as_float().or_else(|| item.as_integer().map(|i| i as f64));
+        let value = |key: &str| number(table.get(key)?.as_value()?);
+        let lens: Vec<f64> = table.get("distortion")?.as_array()?.iter().map_while(number).collect();
+        let lens = Distortion::from_array(lens.try_into().ok()?);
+        let focal = (value("fx")?, value("fy")?);
+        CameraModel::new((size("width")?, size("height")?), focal, (value("cx")?, value("cy")?), lens).ok()
     }
 
     /// The table of the camera called `name`, for keys that have no method here; it is added at the end
@@ -205,7 +227,6 @@ fn pose_table(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::Distortion;
 
     #[test]
     fn results_are_written_beside_comments_and_the_old_file_is_kept() {
@@ -228,6 +249,8 @@ mod tests {
 
         let rig = Rig::load(&path).expect("complete now");
         assert_eq!(rig.cameras[0].model, model);
+        assert_eq!(RigEdit::open(&path).expect("TOML").intrinsics("left"), Some(model));
+        assert_eq!(edit.intrinsics("right"), None);
         assert_eq!(rig.cameras[0].intrinsics_sigma, Some([0.5; 9]));
         let read = rig.cameras[0].camera_from_world.rotation.matrix() - turn.matrix();
         assert!(read.amax() < 1e-14);

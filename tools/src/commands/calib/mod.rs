@@ -4,6 +4,7 @@ mod board;
 mod input;
 mod options;
 mod save;
+mod session;
 mod solve;
 
 use clap::Subcommand;
@@ -27,6 +28,8 @@ enum Action {
     Stereo(solve::RigArgs),
     /// Calibrate the poses of any number of cameras, which may see the board in a chain of overlaps.
     Rig(solve::RigArgs),
+    /// Be led through a calibration in a browser.
+    Session(session::Args),
 }
 
 /// Runs `netcord calib`.
@@ -36,5 +39,6 @@ pub fn run(args: &Args) -> CommandResult {
         Action::Mono(args) => solve::mono(args),
         Action::Stereo(args) => solve::stereo(args),
         Action::Rig(args) => solve::rig(args),
+        Action::Session(args) => session::run(args),
     }
 }

@@ -1,0 +1,33 @@
+//! The guided session: from a live preview through gathering, processing and review to a saved calibration.
+//!
+//! [`Session`] is a state machine without cameras, clock, files or browser in it: whoever drives it shows it
+//! [`Shot`]s, does what its [`Verdict`]s say, solves its [`Problem`] where there is time for that, and hands the
+//! [`Outcome`] back. [`SessionFolder`] keeps on disk what was gathered, so that a session that is killed goes on.
+
+mod advice;
+mod aims;
+mod blur;
+mod folder;
+mod heat;
+mod machine;
+mod problem;
+mod setup;
+mod shot;
+mod status;
+mod stillness;
+mod tally;
+mod verdict;
+
+pub use advice::{Advice, Place, Tilt};
+pub use aims::{Aims, CameraAims};
+pub use blur::blur_px;
+pub use folder::{FolderError, SessionFolder};
+pub use heat::HeatMap;
+pub use machine::{KeptShot, KeptView, Phase, Session, SessionError};
+pub use problem::{Outcome, Problem, Solved};
+pub use setup::{SessionCamera, Setup, Task};
+pub use shot::{Shot, Sight};
+pub use status::{CameraStatus, KeptStatus, Status};
+pub use stillness::Stillness;
+pub use tally::Tally;
+pub use verdict::{Reason, Verdict};

@@ -1,0 +1,147 @@
+use nalgebra::Vector2;
+use netcord_common::camera::CameraModel;
+
+use super::setup::{Setup, Task};
+use crate::solve::{
+    CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
+    RigOptions, calibrate_mono, calibrate_rig, coverage, cross_validate,
+};
+
+/// Parts of the cross-validation: a fifth of the views left out each time.
+const FOLDS: usize = 5;
+
+/// What a session has gathered, ready to be solved away from it.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    /// The task and its cameras.
+    pub setup: Setup,
+    /// The views, per camera.
+    pub cameras: Vec<CameraViews>,
+}
+
+/// A camera calibrated by itself.
+#[derive(Debug, Clone)]
+pub struct Solved {
+    /// The result.
+    pub calibration: MonoCalibration,
+    /// Share of the picture that had corners, 0–1.
+    pub coverage: f64,
+    /// What views left out say; absent where there are too few.
+    pub validation: Option<CrossValidation>,
+}
+
+/// What a session comes to.
+#[derive(Debug, Clone)]
+pub enum Outcome {
+    /// Intrinsics of each camera that had views.
+    Mono(Vec<Solved>),
+    /// Poses of all cameras.
+    Rig {
+        /// Intrinsics that had to be calibrated from the same views, because none were known.
+        solved: Vec<Solved>,
+        /// The poses.
+        rig: Box<RigCalibration>,
+        /// Share of the picture that had corners, per camera, 0–1.
+        coverage: Vec<f64>,
+    },
+}
+
+impl Problem {
+    /// Solves it; `progress` is told what is being done and how much is done, 0–1.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] names the camera and what would help.
+    pub fn solve(&self, progress: &dyn Fn(&str, f64)) -> Result<Outcome, CalibrationError> {
+        match self.setup.task {
+            Task::Mono | Task::Table => {
+                let with_views: Vec<&CameraViews> =
+                    self.cameras.iter().filter(|c| !c.views.is_empty()).collect();
+                if with_views.is_empty() {
+                    return Err(CalibrationError::NoCameras);
+                }
+                let mut solved = Vec::new();
+                for (i, camera) in with_views.iter().enumerate() {
+                    progress(&format!("{}: intrinsics", camera.name), i as f64 / with_views.len() as f64);
+                    solved.push(Solved::of(camera)?);
+                }
+                Ok(Outcome::Mono(solved))
+            }
+            Task::Rig => {
+                let mut solved = Vec::new();
+                let mut models: Vec<CameraModel> = Vec::new();
+                let steps = self.cameras.len() as f64 + 1.0;
+                for (i, (camera, known)) in self.cameras.iter().zip(&self.setup.cameras).enumerate() {
+                    match known.model {
+                        Some(model) => models.push(model),
+                        None => {
+                            progress(&format!("{}: intrinsics", camera.name), i as f64 / steps);
+                            let own = Solved::of(camera)?;
+                            models.push(own.calibration.model);
+                            solved.push(own);
+                        }
+                    }
+                }
+                progress("poses of all cameras together", (steps - 1.0) / steps);
+                let rig = calibrate_rig(&self.cameras, &models, &RigOptions::default())?;
+                let coverage = self.cameras.iter().map(covered).collect();
+                Ok(Outcome::Rig { solved, rig: Box::new(rig), coverage })
+            }
+        }
+    }
+}
+
+fn covered(camera: &CameraViews) -> f64 {
+    coverage(camera.size, camera.views.iter().flat_map(|v| v.image.iter().copied()))
+}
+
+impl Solved {
+    fn of(camera: &CameraViews) -> Result<Self, CalibrationError> {
+        let options = MonoOptions::default();
+        let calibration = calibrate_mono(camera, &options)?;
+        let validation = cross_validate(camera, &options, &calibration, FOLDS).ok();
+        Ok(Self { calibration, coverage: covered(camera), validation })
+    }
+
+    fn reported(&self) -> (MonoCalibration, f64, Option<CrossValidation>) {
+        (self.calibration.clone(), self.coverage, self.validation.clone())
+    }
+}
+
+impl Outcome {
+    /// As a report.
+    pub fn report(&self) -> Report {
+        match self {
+            Self::Mono(solved) => Report::of_mono(&solved.iter().map(Solved::reported).collect::<Vec<_>>()),
+            Self::Rig { rig, coverage, .. } => {
+                let kind = if rig.cameras.len() == 2 { "stereo" } else { "rig" };
+                Report::of_rig(kind, rig, coverage)
+            }
+        }
+    }
+
+    /// The intrinsics found or used for a camera.
+    pub fn model(&self, camera: &str) -> Option<&CameraModel> {
+        match self {
+            Self::Mono(solved) => {
+                solved.iter().map(|s| &s.calibration).find(|c| c.name == camera).map(|c| &c.model)
+            }
+            Self::Rig { rig, .. } => rig.cameras.iter().find(|c| c.name == camera).map(|c| &c.model),
+        }
+    }
+
+    /// Observed − predicted of every point of a camera's view, px, in the view's order; `None` where the view took
+    /// no part.
+    pub fn residuals(&self, camera: &str, view: &str) -> Option<&[Vector2<f64>]> {
+        match self {
+            Self::Mono(solved) => {
+                let own = solved.iter().map(|s| &s.calibration).find(|c| c.name == camera)?;
+                own.views.iter().find(|v| v.name == view).map(|v| v.residuals.as_slice())
+            }
+            Self::Rig { rig, .. } => {
+                let place = rig.cameras.iter().position(|c| c.name == camera)?;
+                let fit = rig.views.iter().find(|v| v.camera == place && v.view == view);
+                fit.map(|v| v.residuals.as_slice())
+            }
+        }
+    }
+}
