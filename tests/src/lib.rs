@@ -3,17 +3,24 @@
 //! - [`executable`] builds `netcord` from this very tree, so that no test meets a stale one.
 //! - A [`Lab`] is a domain and a folder of its own, of which nothing stays.
 //! - [`Running`] is a process under a watchdog; it ends with its owner.
+//! - [`Page`] asks a calibration session's page; [`Browser`] is Chromium; a [`Photographer`] takes pictures of boards.
 //! - [`Watch`] sees a domain's messages; [`Copies`] counts large copies inside processes.
 
+mod browser;
 mod copies;
 mod executable;
 mod lab;
+mod page;
+mod photographer;
 mod running;
 mod watch;
 
+pub use browser::Browser;
 pub use copies::{Copies, CopyCount};
 pub use executable::executable;
 pub use lab::Lab;
+pub use page::Page;
+pub use photographer::Photographer;
 pub use running::{Ended, Running, signal_process};
 pub use watch::Watch;
 

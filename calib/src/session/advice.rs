@@ -153,26 +153,29 @@ impl fmt::Display for Advice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Start => write!(f, "Start gathering when every camera shows a sharp picture."),
-            Self::ShowBoard { camera } => write!(f, "Show the board to {camera}."),
+            Self::ShowBoard { camera } => write!(f, "Show the board to camera {camera}."),
             Self::ShowToBoth { camera, other, common } => {
-                write!(f, "Show the board to {camera} and {other} at once ({common} common views so far).")
+                write!(
+                    f,
+                    "Show the board to cameras {camera} and {other} at once ({common} common views so far)."
+                )
             }
             Self::LayOnTable => {
                 write!(f, "Lay the board on the table where all cameras see it, and step back.")
             }
             Self::HoldStill { .. } => write!(f, "Hold still."),
-            Self::ShowMore { camera } => write!(f, "Show more of the board to {camera}."),
-            Self::Focus { camera } => write!(f, "{camera} is blurred: focus it, or give it more light."),
-            Self::MoveTo { camera, place } => {
-                write!(f, "Move the board to the {place} of {camera}'s picture.")
+            Self::ShowMore { camera } => write!(f, "Show more of the board to camera {camera}."),
+            Self::Focus { camera } => {
+                write!(f, "Camera {camera} is blurred: focus it, or give it more light.")
             }
+            Self::MoveTo { camera, place } => write!(f, "Move the board to the {place} in camera {camera}."),
             Self::Tilt { camera, edge } => {
-                write!(f, "Tilt the board: its {edge}, as {camera} sees it, away by about 30°.")
+                write!(f, "Tilt the board by about 30°: {edge} away from camera {camera}.")
             }
-            Self::Closer { camera } => write!(f, "Bring the board closer to {camera}."),
-            Self::Farther { camera } => write!(f, "Take the board farther away from {camera}."),
+            Self::Closer { camera } => write!(f, "Bring the board closer to camera {camera}."),
+            Self::Farther { camera } => write!(f, "Take the board farther away from camera {camera}."),
             Self::Different { camera } => {
-                write!(f, "Show the board to {camera} in a few more places, each unlike the last.")
+                write!(f, "Show the board to camera {camera} in a few more places, each unlike the last.")
             }
             Self::AllLookedAt => write!(f, "All pictures have been looked at: process."),
             Self::NothingFound => {

@@ -1,5 +1,6 @@
 use nalgebra::{Vector2, Vector3};
 use netcord_common::camera::{CameraModel, Distortion};
+use serde::Serialize;
 
 use super::{
     advice::{Place, Tilt},
@@ -34,7 +35,7 @@ impl Aims {
                 views: 12,
                 corners_per_region: 6,
                 views_per_tilt: 2,
-                nearest_fill: 0.45,
+                nearest_fill: 0.4,
                 farthest_over_nearest: 0.75,
             },
             // Intrinsics are known; the board should have been in many places that both cameras see.
@@ -54,6 +55,17 @@ impl Aims {
             },
         }
     }
+}
+
+/// One aim, for a list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Aim {
+    /// What.
+    pub name: &'static str,
+    /// How many there are.
+    pub have: usize,
+    /// How many there should be.
+    pub want: usize,
 }
 
 /// What one camera's views have reached.
@@ -133,6 +145,26 @@ impl CameraAims {
 
     fn has_distances(&self) -> bool {
         self.views > 0 && self.farthest <= self.aims.farthest_over_nearest * self.nearest
+    }
+
+    /// Each aim with how much of it is reached and how much is wanted; those that a task does not have are left out.
+    pub fn list(&self) -> Vec<Aim> {
+        let a = &self.aims;
+        let mut list = vec![Aim { name: "views", have: self.views, want: a.views }];
+        if a.corners_per_region > 0 {
+            let reached = self.regions.iter().flatten().filter(|n| **n >= a.corners_per_region).count();
+            list.push(Aim { name: "parts of the picture", have: reached, want: REGIONS * REGIONS });
+        }
+        if a.views_per_tilt > 0 {
+            let reached = self.tilts.iter().filter(|n| **n >= a.views_per_tilt).count();
+            list.push(Aim { name: "tilts", have: reached, want: self.tilts.len() });
+        }
+        if a.nearest_fill > 0.0 || a.farthest_over_nearest < 1.0 {
+            let near = self.views > 0 && self.nearest >= a.nearest_fill;
+            let reached = usize::from(near) + usize::from(self.has_distances());
+            list.push(Aim { name: "distances", have: reached, want: 2 });
+        }
+        list
     }
 
     /// Views so far.

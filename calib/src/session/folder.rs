@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{
-    machine::{KeptShot, KeptView},
+    machine::{KeptShot, KeptView, Mark},
     setup::{SessionCamera, Task},
 };
 use crate::{
@@ -29,6 +29,7 @@ use crate::{
 /// mono/0003-picture7/left.png   a picture of the third shot kept
 /// mono/0003-picture7/corners.json
 /// mono/looked.jsonl             every picture looked at, and why it was not kept
+/// table/marks.json              marks of the table that somebody pointed at
 /// ```
 ///
 /// A shot is written under another name and renamed when it is whole, so that a session that is killed finds
@@ -64,8 +65,8 @@ pub enum FolderError {
         /// The board asked for.
         wanted: String,
     },
-    /// `session.json` does not read.
-    #[error("{path} is not a session's description; give another --folder")]
+    /// `session.json` or the marks do not read.
+    #[error("{path} does not read as what a session writes there; remove it, or give another --folder")]
     Description {
         /// The file.
         path: PathBuf,
@@ -105,6 +106,7 @@ struct Looked {
 }
 
 const UNFINISHED: &str = ".new-";
+const MARKS_FILE: &str = "marks.json";
 
 impl SessionFolder {
     /// Opens a session's folder, or begins one.
@@ -288,6 +290,28 @@ impl SessionFolder {
         };
         let names = text.lines().filter_map(|l| serde_json::from_str::<Looked>(l).ok()).map(|l| l.name);
         Ok(names.collect())
+    }
+
+    /// Puts the marks of the table on disk.
+    ///
+    /// # Errors
+    /// [`FolderError`].
+    pub fn store_marks(&self, task: Task, marks: &[Mark]) -> Result<(), FolderError> {
+        let text = serde_json::to_string_pretty(marks).expect("names and numbers always have a JSON form");
+        self.write(task, MARKS_FILE, &text).map(|_| ())
+    }
+
+    /// The marks of the table that an earlier run has put on disk.
+    ///
+    /// # Errors
+    /// [`FolderError`].
+    pub fn load_marks(&self, task: Task) -> Result<Vec<Mark>, FolderError> {
+        let path = self.task(task).join(MARKS_FILE);
+        match fs::read_to_string(&path) {
+            Ok(text) => serde_json::from_str(&text).map_err(|source| FolderError::Description { path, source }),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+            Err(source) => Err(FolderError::File { doing: "read", path, source }),
+        }
     }
 
     /// Writes a file beside the shots, such as a report.

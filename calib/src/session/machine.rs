@@ -1,15 +1,14 @@
 use std::sync::Arc;
 
 use nalgebra::Vector2;
-use netcord_common::camera::CameraModel;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{
     advice::Advice,
     aims::{Aims, CameraAims},
-    problem::{Outcome, Problem},
-    setup::{Setup, Task},
+    problem::{Outcome, Problem, ProblemError},
+    setup::{SessionCamera, Setup, Task},
     shot::{Shot, Sight},
     stillness::Stillness,
     tally::Tally,
@@ -18,7 +17,8 @@ use super::{
 use crate::{
     detect::{BoardView, Detector},
     gather::{GatherOptions, Rejection, intersection_over_union, judge},
-    solve::{CalibrationError, CameraViews, View},
+    solve::{CameraViews, View},
+    table::{self, BoardOnTable},
 };
 
 /// Where a session stands.
@@ -57,6 +57,17 @@ pub struct KeptShot {
     pub views: Vec<Option<KeptView>>,
 }
 
+/// A mark of the table that somebody pointed at in a camera's picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Mark {
+    /// The camera's name.
+    pub camera: String,
+    /// The mark's, as [`crate::table::mark`] takes it.
+    pub mark: String,
+    /// Its raw pixel.
+    pub at: [f64; 2],
+}
+
 /// What a session cannot do where it stands.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum SessionError {
@@ -71,6 +82,15 @@ pub enum SessionError {
     /// Nothing kept.
     #[error("no view has been kept yet")]
     NoViews,
+    /// Neither views nor marks.
+    #[error("neither a view of the board on the table nor a mark of the table has been given yet")]
+    NoTable,
+    /// Nobody knows where the board lies.
+    #[error("say how the board lies on the table first: where its first corner is, and how far it is turned")]
+    NoPlace,
+    /// No such mark.
+    #[error("{0}")]
+    Mark(String),
     /// No such shot.
     #[error("there is no view {0:?}")]
     Unknown(String),
@@ -92,6 +112,7 @@ pub struct Session {
     detector: Arc<Detector>,
     phase: Phase,
     kept: Vec<KeptShot>,
+    marks: Vec<Mark>,
     tallies: Vec<Tally>,
     stillness: Vec<Stillness>,
     last: Vec<Option<Sight>>,
@@ -111,6 +132,7 @@ impl Session {
             detector,
             phase: Phase::Preview,
             kept: Vec::new(),
+            marks: Vec::new(),
             tallies: vec![Tally::default(); cameras],
             stillness: vec![Stillness::default(); cameras],
             last: vec![None; cameras],
@@ -178,11 +200,49 @@ impl Session {
         self.stale = self.outcome.is_some();
     }
 
-    /// Changes what is known of a camera's intrinsics.
-    pub fn set_model(&mut self, camera: usize, model: CameraModel) {
-        if let Some(camera) = self.setup.cameras.get_mut(camera) {
-            camera.model = Some(model);
+    /// Changes what is known of a camera.
+    pub fn set_camera(&mut self, camera: SessionCamera) {
+        if let Some(known) = self.setup.cameras.iter_mut().find(|c| c.name == camera.name) {
+            *known = camera;
         }
+    }
+
+    /// Says how the board lies on the table.
+    pub fn place_board(&mut self, place: BoardOnTable) {
+        self.setup.on_table = Some(place);
+        self.stale = self.outcome.is_some();
+    }
+
+    /// The marks pointed at.
+    pub fn marks(&self) -> &[Mark] {
+        &self.marks
+    }
+
+    /// Notes where a mark of the table is, in place of what was noted of it in that camera before.
+    ///
+    /// # Errors
+    /// [`SessionError`] while processing, and for a mark or camera that there is not.
+    pub fn set_mark(&mut self, mark: Mark) -> Result<(), SessionError> {
+        self.not_processing("set a mark")?;
+        table::mark(&mark.mark).map_err(SessionError::Mark)?;
+        if !self.setup.cameras.iter().any(|c| c.name == mark.camera) {
+            return Err(SessionError::Mark(format!("there is no camera {:?}", mark.camera)));
+        }
+        self.marks.retain(|m| (&m.camera, &m.mark) != (&mark.camera, &mark.mark));
+        self.marks.push(mark);
+        self.stale = self.outcome.is_some();
+        Ok(())
+    }
+
+    /// Takes all marks back.
+    ///
+    /// # Errors
+    /// [`SessionError`] while processing.
+    pub fn clear_marks(&mut self) -> Result<(), SessionError> {
+        self.not_processing("clear marks")?;
+        self.marks.clear();
+        self.stale = self.outcome.is_some();
+        Ok(())
     }
 
     /// Notes that there are no more pictures to look at.
@@ -296,17 +356,22 @@ impl Session {
     /// [`SessionError`] while processing, and when nothing is kept.
     pub fn process(&mut self) -> Result<Problem, SessionError> {
         self.not_processing("process")?;
-        if self.kept.is_empty() {
-            return Err(SessionError::NoViews);
+        match self.setup.task {
+            Task::Mono | Task::Rig if self.kept.is_empty() => return Err(SessionError::NoViews),
+            Task::Table if self.kept.is_empty() && self.marks.is_empty() => return Err(SessionError::NoTable),
+            Task::Table if !self.kept.is_empty() && self.setup.on_table.is_none() => {
+                return Err(SessionError::NoPlace);
+            }
+            _ => {}
         }
         self.phase = Phase::Processing;
         self.failure = None;
-        Ok(Problem { setup: self.setup.clone(), cameras: self.views() })
+        Ok(Problem { setup: self.setup.clone(), cameras: self.views(), marks: self.marks.clone() })
     }
 
     /// Takes the result of the problem that [`Self::process`] handed out. Without one the session goes back to
     /// its preview and says why.
-    pub fn finish(&mut self, result: Result<Outcome, CalibrationError>) {
+    pub fn finish(&mut self, result: Result<Outcome, ProblemError>) {
         match result {
             Ok(outcome) => {
                 self.outcome = Some(Arc::new(outcome));
@@ -487,9 +552,20 @@ impl Session {
         CameraAims::of(Aims::of(self.setup.task), self.setup.cameras[camera].model.as_ref(), views)
     }
 
-    /// How much of what it takes has been gathered, 0–1: the least of the cameras.
+    /// How much of what it takes one camera has gathered, 0–1. Four marks of the table do as well as views.
+    pub fn camera_reached(&self, camera: usize) -> f64 {
+        let own = |m: &&Mark| m.camera == self.setup.cameras[camera].name;
+        let marks = self.marks.iter().filter(own).count() as f64 / 4.0;
+        self.aims(camera).reached().max(marks.min(1.0))
+    }
+
+    /// How much of what it takes has been gathered, 0–1: the least of the cameras; for the table, one is enough.
     pub fn reached(&self) -> f64 {
-        (0..self.setup.cameras.len()).map(|c| self.aims(c).reached()).fold(1.0, f64::min)
+        let cameras = (0..self.setup.cameras.len()).map(|c| self.camera_reached(c));
+        match self.setup.task {
+            Task::Table => cameras.fold(0.0, f64::max),
+            Task::Mono | Task::Rig => cameras.fold(1.0, f64::min),
+        }
     }
 
     /// What to do next.
@@ -506,6 +582,9 @@ impl Session {
     }
 
     fn gathering_advice(&self) -> Advice {
+        if self.setup.task == Task::Table && self.reached() > 0.999 {
+            return Advice::Process;
+        }
         let name = |c: usize| self.setup.cameras[c].name.clone();
         let aims: Vec<CameraAims> = (0..self.setup.cameras.len()).map(|c| self.aims(c)).collect();
         let lacking = |a: &CameraAims| a.reached() < 0.999;

@@ -15,19 +15,23 @@ mod setup;
 mod shot;
 mod status;
 mod stillness;
+mod table;
 mod tally;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 pub use advice::{Advice, Place, Tilt};
-pub use aims::{Aims, CameraAims};
+pub use aims::{Aim, Aims, CameraAims};
 pub use blur::blur_px;
 pub use folder::{FolderError, SessionFolder};
 pub use heat::HeatMap;
-pub use machine::{KeptShot, KeptView, Phase, Session, SessionError};
-pub use problem::{Outcome, Problem, Solved};
+pub use machine::{KeptShot, KeptView, Mark, Phase, Session, SessionError};
+pub use problem::{Outcome, Problem, ProblemError, Solved};
 pub use setup::{SessionCamera, Setup, Task};
 pub use shot::{Shot, Sight};
 pub use status::{CameraStatus, KeptStatus, Status};
 pub use stillness::Stillness;
+pub use table::{MARKS_VIEW, TableOutcome};
 pub use tally::Tally;
 pub use verdict::{Reason, Verdict};

@@ -1,10 +1,18 @@
 use nalgebra::Vector2;
 use netcord_common::camera::CameraModel;
+use thiserror::Error;
 
-use super::setup::{Setup, Task};
-use crate::solve::{
-    CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
-    RigOptions, calibrate_mono, calibrate_rig, coverage, cross_validate,
+use super::{
+    machine::Mark,
+    setup::{Setup, Task},
+    table::TableOutcome,
+};
+use crate::{
+    solve::{
+        CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
+        RigOptions, calibrate_mono, calibrate_rig, coverage, cross_validate,
+    },
+    table::TableError,
 };
 
 /// Parts of the cross-validation: a fifth of the views left out each time.
@@ -17,6 +25,28 @@ pub struct Problem {
     pub setup: Setup,
     /// The views, per camera.
     pub cameras: Vec<CameraViews>,
+    /// Marks of the table that somebody pointed at.
+    pub marks: Vec<Mark>,
+}
+
+/// Why what was gathered gives no result.
+#[derive(Debug, Error)]
+pub enum ProblemError {
+    /// Intrinsics or poses.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The table.
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// The table is found from cameras whose lens and pose are known.
+    #[error("camera {camera} sees the table, but its lens or its pose is not known: calibrate and save those first")]
+    NotCalibrated {
+        /// The camera.
+        camera: String,
+    },
+    /// A mark that there is not.
+    #[error("{0}")]
+    Mark(String),
 }
 
 /// A camera calibrated by itself.
@@ -44,20 +74,22 @@ pub enum Outcome {
         /// Share of the picture that had corners, per camera, 0–1.
         coverage: Vec<f64>,
     },
+    /// Where the table is.
+    Table(Box<TableOutcome>),
 }
 
 impl Problem {
     /// Solves it; `progress` is told what is being done and how much is done, 0–1.
     ///
     /// # Errors
-    /// [`CalibrationError`] names the camera and what would help.
-    pub fn solve(&self, progress: &dyn Fn(&str, f64)) -> Result<Outcome, CalibrationError> {
+    /// [`ProblemError`] names the camera and what would help.
+    pub fn solve(&self, progress: &dyn Fn(&str, f64)) -> Result<Outcome, ProblemError> {
         match self.setup.task {
-            Task::Mono | Task::Table => {
+            Task::Mono => {
                 let with_views: Vec<&CameraViews> =
                     self.cameras.iter().filter(|c| !c.views.is_empty()).collect();
                 if with_views.is_empty() {
-                    return Err(CalibrationError::NoCameras);
+                    return Err(CalibrationError::NoCameras.into());
                 }
                 let mut solved = Vec::new();
                 for (i, camera) in with_views.iter().enumerate() {
@@ -85,6 +117,10 @@ impl Problem {
                 let rig = calibrate_rig(&self.cameras, &models, &RigOptions::default())?;
                 let coverage = self.cameras.iter().map(covered).collect();
                 Ok(Outcome::Rig { solved, rig: Box::new(rig), coverage })
+            }
+            Task::Table => {
+                progress("the table's pose", 0.0);
+                Ok(Outcome::Table(Box::new(TableOutcome::solve(self)?)))
             }
         }
     }
@@ -116,6 +152,7 @@ impl Outcome {
                 let kind = if rig.cameras.len() == 2 { "stereo" } else { "rig" };
                 Report::of_rig(kind, rig, coverage)
             }
+            Self::Table(table) => table.report(),
         }
     }
 
@@ -126,6 +163,7 @@ impl Outcome {
                 solved.iter().map(|s| &s.calibration).find(|c| c.name == camera).map(|c| &c.model)
             }
             Self::Rig { rig, .. } => rig.cameras.iter().find(|c| c.name == camera).map(|c| &c.model),
+            Self::Table(table) => table.cameras.iter().find(|c| c.name == camera).map(|c| &c.model),
         }
     }
 
@@ -142,6 +180,7 @@ impl Outcome {
                 let fit = rig.views.iter().find(|v| v.camera == place && v.view == view);
                 fit.map(|v| v.residuals.as_slice())
             }
+            Self::Table(table) => table.residuals(camera, view),
         }
     }
 }

@@ -1,9 +1,12 @@
 use std::{fmt, str::FromStr};
 
-use netcord_common::camera::CameraModel;
+use netcord_common::{
+    camera::CameraModel,
+    geometry::{Camera, Transform, World},
+};
 use serde::Serialize;
 
-use crate::gather::GatherOptions;
+use crate::{gather::GatherOptions, table::BoardOnTable};
 
 /// What a session is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -53,6 +56,8 @@ pub struct SessionCamera {
     pub name: String,
     /// Its intrinsics, where they are known.
     pub model: Option<CameraModel>,
+    /// Its pose, where it is known; `World` is the first camera's frame.
+    pub camera_from_first: Option<Transform<Camera, World>>,
 }
 
 /// What is settled before a session begins.
@@ -62,6 +67,8 @@ pub struct Setup {
     pub task: Task,
     /// The cameras; the first is the one that poses refer to.
     pub cameras: Vec<SessionCamera>,
+    /// How the board lies on the table, for that task.
+    pub on_table: Option<BoardOnTable>,
     /// Which views are kept.
     pub options: GatherOptions,
     /// Whether shots follow each other in time, so that a board in motion can be told, and the same reason to
@@ -85,6 +92,6 @@ impl Setup {
                 ..GatherOptions::default()
             },
         };
-        Self { task, cameras, options, continuous: false, tolerance_ns: 5_000_000 }
+        Self { task, cameras, on_table: None, options, continuous: false, tolerance_ns: 5_000_000 }
     }
 }

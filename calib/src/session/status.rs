@@ -4,8 +4,9 @@ use serde::Serialize;
 
 use super::{
     advice::Advice,
+    aims::Aim,
     heat::HeatMap,
-    machine::{Phase, Session},
+    machine::{Mark, Phase, Session},
     setup::Task,
 };
 use crate::detect::Detector;
@@ -30,6 +31,10 @@ pub struct Status {
     pub cameras: Vec<CameraStatus>,
     /// The shots kept, oldest first.
     pub kept: Vec<KeptStatus>,
+    /// Marks of the table that somebody pointed at.
+    pub marks: Vec<Mark>,
+    /// How the board lies on the table: x and y of its first corner, m, its turn, °, its height, m.
+    pub on_table: Option<[f64; 4]>,
     /// Whether there is a result.
     pub has_result: bool,
     /// Whether views have changed since it was computed.
@@ -63,6 +68,8 @@ pub struct CameraStatus {
     pub heat: HeatMap,
     /// How much has been gathered, 0–1.
     pub reached: f64,
+    /// The same in parts.
+    pub aims: Vec<Aim>,
     /// Whether its intrinsics are known.
     pub has_model: bool,
 }
@@ -99,6 +106,10 @@ impl Session {
                     corners: s.views.iter().map(|v| v.as_ref().map(|v| v.view.image.len())).collect(),
                 })
                 .collect(),
+            marks: self.marks().to_vec(),
+            on_table: self.setup().on_table.map(|b| {
+                [b.origin_m[0], b.origin_m[1], b.yaw_rad.to_degrees(), b.height_m]
+            }),
             has_result: self.outcome().is_some(),
             stale: self.is_stale(),
             failure: self.failure().map(str::to_owned),
@@ -115,6 +126,7 @@ impl Session {
         for view in kept() {
             heat.add(view.size, &view.view.image);
         }
+        let aims = self.aims(camera);
         CameraStatus {
             name: setup.name.clone(),
             size: sight.map(|s| s.size),
@@ -126,7 +138,8 @@ impl Session {
             views: kept().count(),
             tally: self.tallies()[camera].rejected.clone(),
             heat,
-            reached: self.aims(camera).reached(),
+            reached: self.camera_reached(camera),
+            aims: aims.list(),
             has_model: setup.model.is_some(),
         }
     }

@@ -1,4 +1,5 @@
 use std::{
+    collections::BTreeMap,
     fs,
     io::Write as _,
     path::{Path, PathBuf},
@@ -10,6 +11,7 @@ use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
 use super::{IntrinsicsSigma, Rig, RigError};
 use crate::{
     camera::{CameraModel, Distortion},
+    geometry::{Camera, Transform, World},
     name::CameraName,
 };
 
@@ -76,12 +78,32 @@ impl RigEdit {
         let camera = cameras.iter().find(|c| c.get("name").and_then(Item::as_str) == Some(name))?;
         let size = |key: &str| u32::try_from(camera.get(key)?.as_integer()?).ok();
         let table = camera.get("intrinsics")?.as_table_like()?;
-        let number = |item: &Value| item.as_float().or_else(|| item.as_integer().map(|i| i as f64));
         let value = |key: &str| number(table.get(key)?.as_value()?);
         let lens: Vec<f64> = table.get("distortion")?.as_array()?.iter().map_while(number).collect();
         let lens = Distortion::from_array(lens.try_into().ok()?);
         let focal = (value("fx")?, value("fy")?);
         CameraModel::new((size("width")?, size("height")?), focal, (value("cx")?, value("cy")?), lens).ok()
+    }
+
+    /// `camera_from_first` of the cameras whose pose the file gives, by name; the first camera's is the identity.
+    pub fn poses(&self) -> BTreeMap<String, Transform<Camera, World>> {
+        let pose_of = |table: &Table| {
+            let pose = table.get("pose")?.as_table_like()?;
+            let numbers = |key: &str| -> Option<Vec<f64>> {
+                Some(pose.get(key)?.as_array()?.iter().map_while(number).collect())
+            };
+            let rotation: [f64; 9] = numbers("rotation")?.try_into().ok()?;
+            let translation: [f64; 3] = numbers("translation_m")?.try_into().ok()?;
+            Transform::from_matrix(&Matrix3::from_row_slice(&rotation), translation.into()).ok()
+        };
+        let Some(cameras) = self.document.get("camera").and_then(Item::as_array_of_tables) else {
+            return BTreeMap::new();
+        };
+        let found = cameras.iter().enumerate().filter_map(|(i, table)| {
+            let name = table.get("name")?.as_str()?.to_owned();
+            Some((name, if i == 0 { Transform::identity() } else { pose_of(table)? }))
+        });
+        found.collect()
     }
 
     /// The table of the camera called `name`, for keys that have no method here; it is added at the end
@@ -193,6 +215,11 @@ impl RigEdit {
     }
 }
 
+/// A number, with or without a point.
+fn number(item: &Value) -> Option<f64> {
+    item.as_float().or_else(|| item.as_integer().map(|i| i as f64))
+}
+
 fn numbers(values: &[f64]) -> Item {
     Item::Value(Value::Array(values.iter().copied().collect::<Array>()))
 }
@@ -251,6 +278,7 @@ mod tests {
         assert_eq!(rig.cameras[0].model, model);
         assert_eq!(RigEdit::open(&path).expect("TOML").intrinsics("left"), Some(model));
         assert_eq!(edit.intrinsics("right"), None);
+        assert_eq!(edit.poses().into_iter().collect::<Vec<_>>(), [("left".to_owned(), Transform::identity())]);
         assert_eq!(rig.cameras[0].intrinsics_sigma, Some([0.5; 9]));
         let read = rig.cameras[0].camera_from_world.rotation.matrix() - turn.matrix();
         assert!(read.amax() < 1e-14);

@@ -7,4 +7,5 @@ mod faults;
 mod kill;
 mod refusals;
 mod scripts;
+mod session;
 mod up;

@@ -6,7 +6,10 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use netcord_calib::solve::{MonoCalibration, RigCalibration};
+use netcord_calib::{
+    solve::{MonoCalibration, RigCalibration},
+    table::TableCalibration,
+};
 use netcord_common::{
     CameraName,
     rig::{CalibrationNote, RigEdit},
@@ -89,6 +92,28 @@ pub fn rig(path: &Path, board: &str, rig: &RigCalibration) -> Result<(), Box<dyn
             Some(&note),
         );
     }
+    edit.save()?;
+    println!("written to {}; the old one is kept beside it as .bak", path.display());
+    Ok(())
+}
+
+/// Writes the table's pose.
+pub fn table(
+    path: &Path,
+    board: &str,
+    frames: usize,
+    table: &TableCalibration,
+) -> Result<(), Box<dyn Error>> {
+    let mut edit = RigEdit::open(path)?;
+    let note = CalibrationNote {
+        date: today(),
+        board: board.to_owned(),
+        frames: frames as u64,
+        rms_px: table.rms_px,
+    };
+    let pose = &table.first_from_table;
+    let sigma = table.standard_deviations();
+    edit.set_table(pose.rotation.matrix(), &pose.translation, Some(&sigma), Some(&note));
     edit.save()?;
     println!("written to {}; the old one is kept beside it as .bak", path.display());
     Ok(())

@@ -1,6 +1,7 @@
 //! What the engine and the page's requests hand each other.
 
 use std::{
+    collections::VecDeque,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
         mpsc::{Receiver, Sender, channel},
@@ -10,13 +11,13 @@ use std::{
 
 use netcord_calib::{
     detect::Luma,
-    session::{Outcome, Task},
+    session::{Mark, Outcome, Task},
     solve::CameraViews,
 };
 use serde::Deserialize;
 
 /// What a page may ask for.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Command {
     /// Turn to another task.
@@ -35,6 +36,21 @@ pub enum Command {
         /// Its name.
         view: String,
     },
+    /// Say how the board lies on the table.
+    Place {
+        /// Its first corner along the table's x, m.
+        x_m: f64,
+        /// And along y, m.
+        y_m: f64,
+        /// Its x axis from the table's x axis towards y, degrees.
+        turned_deg: f64,
+        /// Its printed side over the playing surface, m.
+        height_m: f64,
+    },
+    /// Note where a mark of the table is in a camera's picture.
+    Mark(Mark),
+    /// Take all marks back.
+    ClearMarks,
     /// Compute.
     Process,
     /// Write the result into the rig file.
@@ -60,8 +76,9 @@ pub struct Published {
     pub version: u64,
     /// The state, as JSON.
     pub state: Arc<str>,
-    /// Each camera's newest picture.
-    pub pictures: Vec<Option<Arc<Luma>>>,
+    /// The pictures of the newest shots, newest last, with the shots' numbers: what the page draws on a picture
+    /// must belong to it, and it asks for the picture a little later.
+    pub pictures: VecDeque<(u64, Vec<Option<Arc<Luma>>>)>,
     /// The task that is shown.
     pub task: Option<Task>,
     /// Its result.

@@ -12,8 +12,9 @@ use std::{
 
 use netcord_calib::{
     detect::Depth,
-    session::{Outcome, Phase, Session, SessionFolder, Shot, Status, Task},
-    solve::{CalibrationError, CameraViews},
+    session::{Outcome, Phase, ProblemError, Session, SessionFolder, Shot, Status, Task},
+    solve::CameraViews,
+    table::BoardOnTable,
 };
 use netcord_common::Shutdown;
 use serde::Serialize;
@@ -26,6 +27,9 @@ use super::{
 
 /// How long the engine rests when there is nothing to do.
 const REST: Duration = Duration::from_millis(40);
+
+/// Shots whose pictures the page may still ask for.
+const SHOTS_SHOWN: usize = 4;
 
 /// The session's engine.
 pub struct Engine {
@@ -62,12 +66,14 @@ pub struct Progress {
 
 enum Solving {
     Step(String, f64),
-    Done(Box<Result<Outcome, CalibrationError>>, Vec<CameraViews>),
+    Done(Box<Result<Outcome, ProblemError>>, Vec<CameraViews>),
 }
 
 #[derive(Serialize)]
 struct State<'a> {
     version: u64,
+    /// The shot that the cameras' corners belong to.
+    shot: u64,
     rig: String,
     board: &'a str,
     folder: String,
@@ -239,7 +245,7 @@ impl Engine {
                 self.state.shown[active] = self.sessions[active]
                     .outcome()
                     .map(|outcome| Shown { outcome: Arc::clone(outcome), views: Arc::new(views) });
-                self.adopt_models();
+                self.adopt();
                 (self.state.solving, self.state.step) = (None, None);
             }
             Err(TryRecvError::Empty) => return false,
@@ -254,15 +260,20 @@ impl Engine {
         true
     }
 
-    /// Intrinsics that were just found serve the poses that come next.
-    fn adopt_models(&mut self) {
+    /// Lenses and poses that were just found serve what comes next.
+    fn adopt(&mut self) {
         let Some(outcome) = self.sessions[self.active].outcome().cloned() else { return };
-        let Outcome::Mono(_) = outcome.as_ref() else { return };
         for session in self.sessions.iter_mut().filter(|s| s.setup().task != Task::Mono) {
-            for camera in 0..session.setup().cameras.len() {
-                if let Some(model) = outcome.model(&session.setup().cameras[camera].name) {
-                    session.set_model(camera, *model);
+            for mut camera in session.setup().cameras.clone() {
+                camera.model = outcome.model(&camera.name).copied().or(camera.model);
+                match outcome.as_ref() {
+                    Outcome::Rig { rig, .. } => {
+                        let found = rig.cameras.iter().find(|c| c.name == camera.name);
+                        camera.camera_from_first = found.map(|c| c.camera_from_first);
+                    }
+                    Outcome::Mono(_) | Outcome::Table(_) => {}
                 }
+                session.set_camera(camera);
             }
         }
     }
@@ -292,6 +303,22 @@ impl Engine {
             Command::Drop { view } => {
                 let shot = self.session().drop_shot(view)?;
                 self.folder.remove(task, &shot.name)?;
+            }
+            Command::Place { x_m, y_m, turned_deg, height_m } => {
+                if ![x_m, y_m, turned_deg, height_m].iter().all(|v| v.is_finite()) {
+                    return Err("a place is four numbers".into());
+                }
+                let yaw_rad = turned_deg.to_radians();
+                let place = BoardOnTable { origin_m: [*x_m, *y_m], yaw_rad, height_m: *height_m };
+                self.session().place_board(place);
+            }
+            Command::Mark(mark) => {
+                self.session().set_mark(mark.clone())?;
+                self.folder.store_marks(task, self.sessions[self.active].marks())?;
+            }
+            Command::ClearMarks => {
+                self.session().clear_marks()?;
+                self.folder.store_marks(task, &[])?;
             }
             Command::Process => {
                 let problem = self.session().process()?;
@@ -328,6 +355,10 @@ impl Engine {
                 }
                 save::rig(&self.rig, &self.board, rig)?;
             }
+            Outcome::Table(table) => {
+                let frames = session.kept().len() + usize::from(!session.marks().is_empty());
+                save::table(&self.rig, &self.board, frames, &table.table)?;
+            }
         }
         self.folder.write(task, "report.json", &serde_json::to_string_pretty(&outcome.report())?)?;
         self.session().saved()?;
@@ -353,6 +384,7 @@ impl Engine {
         });
         let state = State {
             version: 0,
+            shot: 0,
             rig: self.rig.display().to_string(),
             board: &self.board,
             folder: self.folder.root().display().to_string(),
@@ -367,16 +399,19 @@ impl Engine {
             trouble: self.state.trouble.as_deref(),
         };
         self.desk.publish(|published| {
-            let state = State { version: published.version + 1, ..state };
+            if let Some(raw) = raw {
+                let number = published.pictures.back().map_or(1, |(number, _)| number + 1);
+                let pictures = raw.lumas().into_iter().map(|luma| luma.map(Arc::clone)).collect();
+                published.pictures.push_back((number, pictures));
+                if published.pictures.len() > SHOTS_SHOWN {
+                    published.pictures.pop_front();
+                }
+            }
+            let shot = published.pictures.back().map_or(0, |(number, _)| *number);
+            let state = State { shot, version: published.version + 1, ..state };
             published.state = serde_json::to_string(&state).unwrap_or_default().into();
             published.task = Some(self.task());
             published.shown = self.state.shown.get(self.active).cloned().flatten();
-            published.pictures.resize(self.sessions[self.active].setup().cameras.len(), None);
-            if let Some(raw) = raw {
-                for (shown, picture) in published.pictures.iter_mut().zip(raw.lumas()) {
-                    *shown = picture.map(Arc::clone);
-                }
-            }
         });
     }
 }

@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> CommandResult {
     let folder = SessionFolder::open(&root, &description)?;
     let mut sessions = Vec::new();
     for task in Task::ALL {
-        if task == Task::Table || (task == Task::Rig && names.len() < 2) {
+        if task == Task::Rig && names.len() < 2 {
             continue;
         }
         sessions.push(session(task, &edit, &names, source.as_ref(), &detector, &folder)?);
@@ -156,11 +156,20 @@ fn session(
 ) -> Result<Session, Box<dyn Error>> {
     // A lens that is being calibrated is not known, whatever the file says of it.
     let model = |name: &String| if task == Task::Mono { None } else { edit.intrinsics(name) };
-    let cameras = names.iter().map(|name| SessionCamera { name: name.clone(), model: model(name) }).collect();
+    let poses = edit.poses();
+    let cameras = names.iter().map(|name| SessionCamera {
+        name: name.clone(),
+        model: model(name),
+        camera_from_first: poses.get(name).copied(),
+    });
+    let cameras = cameras.collect();
     let setup = Setup { continuous: source.is_continuous(), ..Setup::new(task, cameras) };
     let kept = folder.load(task, &setup.cameras)?;
     let mut session = Session::new(setup, Arc::clone(detector));
     session.restore(kept);
+    for mark in folder.load_marks(task)? {
+        session.set_mark(mark)?;
+    }
     Ok(session)
 }
 

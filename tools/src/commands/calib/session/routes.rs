@@ -45,6 +45,7 @@ impl Routes {
         match (request.method.as_str(), path) {
             ("GET", "") => Response::of("text/html; charset=utf-8", include_str!("page/index.html")),
             ("GET", "page.css") => Response::of("text/css; charset=utf-8", include_str!("page/page.css")),
+            ("GET", "icon.svg") => Response::of("image/svg+xml", include_str!("page/icon.svg")),
             ("GET", "page.js") => {
                 Response::of("text/javascript; charset=utf-8", include_str!("page/page.js"))
             }
@@ -76,11 +77,19 @@ impl Routes {
         }
     }
 
-    /// A camera's newest picture.
+    /// A camera's picture in one of the newest shots, in the newest where none is named.
     fn picture(&self, request: &Request) -> Response {
         let camera = self.cameras.iter().position(|c| Some(c.as_str()) == request.query("camera"));
-        let luma = camera.and_then(|c| self.desk.published().pictures.get(c).cloned().flatten());
-        match luma.map(|luma| picture::jpeg(&luma, PREVIEW_WIDTH)) {
+        let width = request.query("width").and_then(|w| w.parse().ok()).unwrap_or(PREVIEW_WIDTH);
+        let width = width.clamp(64, 4 * PREVIEW_WIDTH);
+        let wanted = request.query("shot").and_then(|n| n.parse::<u64>().ok());
+        let luma = camera.and_then(|c| {
+            let published = self.desk.published();
+            let mut shots = published.pictures.iter().rev();
+            let shot = shots.find(|(number, _)| wanted.is_none_or(|w| w == *number));
+            shot.and_then(|(_, pictures)| pictures.get(c).cloned().flatten())
+        });
+        match luma.map(|luma| picture::jpeg(&luma, width)) {
             Some(Ok(jpeg)) => Response::of("image/jpeg", jpeg),
             Some(Err(e)) => Response::text(500, e.to_string()),
             None => Response::text(404, "There is no picture of this camera yet."),
