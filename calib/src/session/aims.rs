@@ -153,7 +153,7 @@ impl CameraAims {
         let mut list = vec![Aim { name: "views", have: self.views, want: a.views }];
         if a.corners_per_region > 0 {
             let reached = self.regions.iter().flatten().filter(|n| **n >= a.corners_per_region).count();
-            list.push(Aim { name: "parts of the picture", have: reached, want: REGIONS * REGIONS });
+            list.push(Aim { name: "picture parts", have: reached, want: REGIONS * REGIONS });
         }
         if a.views_per_tilt > 0 {
             let reached = self.tilts.iter().filter(|n| **n >= a.views_per_tilt).count();

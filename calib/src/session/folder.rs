@@ -308,7 +308,9 @@ impl SessionFolder {
     pub fn load_marks(&self, task: Task) -> Result<Vec<Mark>, FolderError> {
         let path = self.task(task).join(MARKS_FILE);
         match fs::read_to_string(&path) {
-            Ok(text) => serde_json::from_str(&text).map_err(|source| FolderError::Description { path, source }),
+            Ok(text) => {
+                serde_json::from_str(&text).map_err(|source| FolderError::Description { path, source })
+            }
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
             Err(source) => Err(FolderError::File { doing: "read", path, source }),
         }

@@ -358,7 +358,9 @@ impl Session {
         self.not_processing("process")?;
         match self.setup.task {
             Task::Mono | Task::Rig if self.kept.is_empty() => return Err(SessionError::NoViews),
-            Task::Table if self.kept.is_empty() && self.marks.is_empty() => return Err(SessionError::NoTable),
+            Task::Table if self.kept.is_empty() && self.marks.is_empty() => {
+                return Err(SessionError::NoTable);
+            }
             Task::Table if !self.kept.is_empty() && self.setup.on_table.is_none() => {
                 return Err(SessionError::NoPlace);
             }

@@ -5,12 +5,12 @@ use thiserror::Error;
 use super::{
     machine::Mark,
     setup::{Setup, Task},
-    table::TableOutcome,
+    table::{MARKS_VIEW, TableOutcome},
 };
 use crate::{
     solve::{
         CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
-        RigOptions, calibrate_mono, calibrate_rig, coverage, cross_validate,
+        RigOptions, View, calibrate_mono, calibrate_rig, coverage, cross_validate,
     },
     table::TableError,
 };
@@ -39,7 +39,9 @@ pub enum ProblemError {
     #[error(transparent)]
     Table(#[from] TableError),
     /// The table is found from cameras whose lens and pose are known.
-    #[error("camera {camera} sees the table, but its lens or its pose is not known: calibrate and save those first")]
+    #[error(
+        "camera {camera} sees the table, but its lens or its pose is not known: calibrate and save those first"
+    )]
     NotCalibrated {
         /// The camera.
         camera: String,
@@ -123,6 +125,21 @@ impl Problem {
                 Ok(Outcome::Table(Box::new(TableOutcome::solve(self)?)))
             }
         }
+    }
+}
+
+impl Problem {
+    /// The views, per camera, and the marks that somebody pointed at as one more view, [`MARKS_VIEW`].
+    pub fn views_with_marks(&self) -> Vec<CameraViews> {
+        let mut cameras = self.cameras.clone();
+        for camera in &mut cameras {
+            let own = self.marks.iter().filter(|m| m.camera == camera.name);
+            let image: Vec<Vector2<f64>> = own.map(|m| Vector2::from(m.at)).collect();
+            if !image.is_empty() {
+                camera.views.push(View { name: MARKS_VIEW.to_owned(), object: Vec::new(), image });
+            }
+        }
+        cameras
     }
 }
 

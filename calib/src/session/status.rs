@@ -107,9 +107,10 @@ impl Session {
                 })
                 .collect(),
             marks: self.marks().to_vec(),
-            on_table: self.setup().on_table.map(|b| {
-                [b.origin_m[0], b.origin_m[1], b.yaw_rad.to_degrees(), b.height_m]
-            }),
+            on_table: self
+                .setup()
+                .on_table
+                .map(|b| [b.origin_m[0], b.origin_m[1], b.yaw_rad.to_degrees(), b.height_m]),
             has_result: self.outcome().is_some(),
             stale: self.is_stale(),
             failure: self.failure().map(str::to_owned),

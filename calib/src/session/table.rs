@@ -54,15 +54,15 @@ impl TableOutcome {
             ));
             if let Some(board) = &problem.setup.on_table {
                 for view in &views.views {
-                    seen.extend(view.object.iter().zip(&view.image).enumerate().map(|(i, (object, pixel))| {
-                        Seen {
+                    seen.extend(view.object.iter().zip(&view.image).enumerate().map(
+                        |(i, (object, pixel))| Seen {
                             camera: place,
                             view: view.name.clone(),
                             on_table: board.place(object),
                             pixel: *pixel,
                             mark: format!("point {i} of view {}", view.name),
-                        }
-                    }));
+                        },
+                    ));
                 }
             }
             for m in marks {

@@ -278,7 +278,10 @@ mod tests {
         assert_eq!(rig.cameras[0].model, model);
         assert_eq!(RigEdit::open(&path).expect("TOML").intrinsics("left"), Some(model));
         assert_eq!(edit.intrinsics("right"), None);
-        assert_eq!(edit.poses().into_iter().collect::<Vec<_>>(), [("left".to_owned(), Transform::identity())]);
+        assert_eq!(
+            edit.poses().into_iter().collect::<Vec<_>>(),
+            [("left".to_owned(), Transform::identity())]
+        );
         assert_eq!(rig.cameras[0].intrinsics_sigma, Some([0.5; 9]));
         let read = rig.cameras[0].camera_from_world.rotation.matrix() - turn.matrix();
         assert!(read.amax() < 1e-14);

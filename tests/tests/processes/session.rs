@@ -231,7 +231,9 @@ fn a_session_on_a_recording_finds_the_poses() {
     let (truth, rig) = rigs(&lab, &["pose"]);
     let board = board();
     let cameras: Vec<_> = truth.cameras.iter().map(|c| (c, Photographer::new(&c.model))).collect();
-    let pose = |camera: &netcord_common::rig::RigCamera, place| &camera.camera_from_world * place;
+    let pose = |camera: &netcord_common::rig::RigCamera, place: &Transform<World, Board>| {
+        &camera.camera_from_world * place
+    };
     let seen_by_all = places(&truth)
         .into_iter()
         .filter(|place| cameras.iter().all(|(c, p)| p.sees(&board, &pose(c, place))));

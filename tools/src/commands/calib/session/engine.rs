@@ -329,7 +329,7 @@ impl Engine {
                         let _ = sender.send(Solving::Step(what.to_owned(), share));
                     };
                     let result = problem.solve(&step);
-                    let _ = sender.send(Solving::Done(Box::new(result), problem.cameras));
+                    let _ = sender.send(Solving::Done(Box::new(result), problem.views_with_marks()));
                 })?;
                 self.state.solving = Some(receiver);
             }

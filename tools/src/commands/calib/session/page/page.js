@@ -200,7 +200,7 @@ function overlay(svg, s, camera) {
   }
   const good = camera.good ? " good" : "";
   if (camera.outline.length) {
-    svg.append(shape("polygon", { class: `board${good}`, points: camera.outline.map((p) => p.join()).join(" "), "stroke-width": stroke }));
+    svg.append(shape("polygon", { class: `board${good}`, points: camera.outline.map((p) => p.join()).join(" "), "stroke-width": 1.4 * stroke }));
   }
   for (const mark of s.marks.filter((m) => m.camera === camera.name)) {
     const [x, y] = mark.at, r = 6 * stroke;
@@ -209,7 +209,7 @@ function overlay(svg, s, camera) {
     label.textContent = mark.mark;
     svg.append(label);
   }
-  for (const [x, y] of camera.corners) svg.append(shape("circle", { class: `corner${good}`, cx: x, cy: y, r: 2 * stroke }));
+  for (const [x, y] of camera.corners) svg.append(shape("circle", { class: `corner${good}`, cx: x, cy: y, r: 2.6 * stroke, "stroke-width": 0.7 * stroke }));
 }
 
 // ---- the table ----
@@ -342,7 +342,9 @@ function showReview() {
   $("leave-out").disabled = !view || state.session.phase === "processing";
   if (!view) return;
   const lens = chosen.lens === "undistorted" ? "&undistorted=1" : "";
-  const src = `view?shot=${encodeURIComponent(view.name)}&camera=${encodeURIComponent(camera.name)}${lens}`;
+  // Marks were pointed at in the live picture; there is no kept one.
+  const src = view.name === "marks" ? `picture?camera=${encodeURIComponent(camera.name)}&width=1920`
+    : `view?shot=${encodeURIComponent(view.name)}&camera=${encodeURIComponent(camera.name)}${lens}`;
   const frame = $("review-frame");
   let img = frame.querySelector("img");
   if (!img || img.getAttribute("src") !== src) {
