@@ -9,7 +9,7 @@ use std::{
     sync::Arc,
 };
 
-use netcord_common::{Counters, Shutdown, bus::Bus, rig::Rig};
+use netcord_common::{Counters, DomainName, Shutdown, bus::Bus, rig::Rig};
 
 use crate::{
     commands::RigArgs,
@@ -40,7 +40,18 @@ pub fn run<E: Into<Box<dyn Error>>>(
     args: &RigArgs,
     body: impl FnOnce(&Stage) -> Result<(), E>,
 ) -> CommandResult {
-    let (rig, domain) = args.load()?;
+    run_with(process, args.load()?, body)
+}
+
+/// As [`run`], for a rig that has been loaded in a way of the process's own.
+///
+/// # Errors
+/// What the bus refuses, and the body's own.
+pub fn run_with<E: Into<Box<dyn Error>>>(
+    process: &str,
+    (rig, domain): (Rig, DomainName),
+    body: impl FnOnce(&Stage) -> Result<(), E>,
+) -> CommandResult {
     let stop = Shutdown::on_signals()?;
     let bus = Bus::join(&domain, process)?;
     let counters = Counters::new();

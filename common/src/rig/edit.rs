@@ -106,6 +106,38 @@ impl RigEdit {
         found.collect()
     }
 
+    /// Gives each camera that is not calibrated yet a lens of about 53° and the first camera's place: whoever only
+    /// takes pictures, for calibrating, needs no better.
+    #[must_use]
+    pub fn with_nominal_calibration(mut self) -> Self {
+        let Ok(names) = self.camera_names().into_iter().map(CameraName::new).collect::<Result<Vec<_>, _>>()
+        else {
+            return self;
+        };
+        for (i, name) in names.iter().enumerate() {
+            let camera = self.camera(name);
+            let size =
+                |key: &str| camera.get(key).and_then(Item::as_integer).and_then(|n| u32::try_from(n).ok());
+            let (Some(width), Some(height)) = (size("width"), size("height")) else { continue };
+            let (without_lens, without_pose) =
+                (!camera.contains_key("intrinsics"), i > 0 && !camera.contains_key("pose"));
+            let middle = |n: u32| f64::from(n) / 2.0 - 0.5;
+            let lens = CameraModel::new(
+                (width, height),
+                (f64::from(width), f64::from(width)),
+                (middle(width), middle(height)),
+                Distortion::default(),
+            );
+            if let (true, Ok(lens)) = (without_lens, lens) {
+                self.set_intrinsics(name, &lens, None, None);
+            }
+            if without_pose {
+                self.set_pose(name, &Matrix3::identity(), &Vector3::zeros(), None, None);
+            }
+        }
+        self
+    }
+
     /// The table of the camera called `name`, for keys that have no method here; it is added at the end
     /// where there was none.
     pub fn camera(&mut self, name: &CameraName) -> &mut Table {
@@ -264,6 +296,8 @@ mod tests {
         fs::write(&path, before).expect("written");
         let mut edit = RigEdit::open(&path).expect("TOML");
         assert!(edit.resolve().is_err(), "not calibrated yet");
+        let nominal = edit.clone().with_nominal_calibration().resolve().expect("good enough for pictures");
+        assert_eq!((nominal.cameras[0].model.width, nominal.cameras[0].model.fx), (1, 1.0));
         let name = CameraName::new("left").expect("valid");
         let lens = Distortion::from_array([-0.1, 0.07, 1e-4, -2e-4, 0.003]);
         let model = CameraModel::new((1920, 1200), (672.25, 673.5), (984.0, 602.125), lens).expect("valid");

@@ -130,7 +130,12 @@ impl SceneArgs {
 
 /// Runs `netcord capture`.
 pub fn run(args: &Args) -> CommandResult {
-    stage::run("capture", &args.rig, |stage| {
+    // A scene is seen through the cameras as they are; real frames come as they come, calibrated or not.
+    let loaded = match args.source {
+        SourceKind::Synthetic => args.rig.load()?,
+        SourceKind::Usb | SourceKind::Replay => args.rig.load_for_pictures()?,
+    };
+    stage::run_with("capture", loaded, |stage| {
         let mut source = source(args, &stage.rig, &stage.counters)?;
         netcord_capture::run(&stage.bus, &stage.rig, source.as_mut(), &stage.stop, &stage.counters)?;
         Ok::<_, Box<dyn std::error::Error>>(())

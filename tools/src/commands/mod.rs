@@ -26,7 +26,7 @@ use std::path::PathBuf;
 
 use netcord_common::{
     DomainName,
-    rig::{Rig, RigError},
+    rig::{Rig, RigEdit, RigError},
 };
 
 /// The options of every subcommand that touches a live rig.
@@ -48,6 +48,17 @@ impl RigArgs {
     /// As [`Rig::load`].
     pub fn load(&self) -> Result<(Rig, DomainName), RigError> {
         let rig = Rig::load(&self.rig)?;
+        let domain = self.domain.clone().unwrap_or_else(|| rig.name.clone());
+        Ok((rig, domain))
+    }
+
+    /// As [`Self::load`], but for taking pictures only: cameras that are not calibrated yet get a nominal lens and
+    /// place.
+    ///
+    /// # Errors
+    /// As [`Rig::load`], for all that has nothing to do with calibration.
+    pub fn load_for_pictures(&self) -> Result<(Rig, DomainName), RigError> {
+        let rig = RigEdit::open(&self.rig)?.with_nominal_calibration().resolve()?;
         let domain = self.domain.clone().unwrap_or_else(|| rig.name.clone());
         Ok((rig, domain))
     }
