@@ -1,5 +1,5 @@
 use std::{
-    io::{Read as _, Write as _},
+    io::{BufRead as _, BufReader, Read as _, Write as _},
     net::TcpStream,
 };
 
@@ -39,11 +39,23 @@ impl Page {
             body.len()
         )
         .expect("sent");
-        let mut bytes = Vec::new();
-        stream.read_to_end(&mut bytes).expect("answered");
-        let head = bytes.windows(4).position(|w| w == b"\r\n\r\n").expect("an answer has a head");
-        let status = String::from_utf8_lossy(&bytes[9..12]).parse().expect("a status");
-        (status, bytes.split_off(head + 4))
+        // Not every server closes the connection when it has answered.
+        let mut reader = BufReader::new(stream);
+        let mut line = String::new();
+        let (mut status, mut length) = (0, 0);
+        while reader.read_line(&mut line).expect("answered") > 2 {
+            if let Some(rest) = line.strip_prefix("HTTP/1.1 ") {
+                status = rest[..3].parse().expect("a status");
+            } else if let Some((name, value)) = line.split_once(':')
+                && name.eq_ignore_ascii_case("content-length")
+            {
+                length = value.trim().parse().expect("a length");
+            }
+            line.clear();
+        }
+        let mut bytes = vec![0; length];
+        reader.read_exact(&mut bytes).expect("answered whole");
+        (status, bytes)
     }
 
     /// What lies at `below`.

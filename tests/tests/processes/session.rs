@@ -24,26 +24,26 @@ fn board() -> CalibrationBoard {
     CalibrationBoard::parse(BOARD, |_| Err(String::new())).expect("valid")
 }
 
-/// The cameras with half the pixels along each side: a quarter of the work.
-fn halve(document: &mut DocumentMut) {
+/// The cameras with fewer pixels along each side, by `by`: less work.
+fn shrink(document: &mut DocumentMut, by: i64) {
     for camera in document["camera"].as_array_of_tables_mut().expect("cameras").iter_mut() {
         for size in ["width", "height"] {
-            camera[size] = value(camera[size].as_integer().expect("a number") / 2);
+            camera[size] = value(camera[size].as_integer().expect("a number") / by);
         }
         for (key, offset) in [("fx", 0.0), ("fy", 0.0), ("cx", 0.5), ("cy", 0.5)] {
             let full = camera["intrinsics"][key].as_float().expect("a number");
-            camera["intrinsics"][key] = value((full + offset) / 2.0 - offset);
+            camera["intrinsics"][key] = value((full + offset) / by as f64 - offset);
         }
     }
 }
 
 /// The rig as it is, in `truth.toml`, and a file of the same rig whose cameras have lost `lost` of their tables.
-fn rigs(lab: &Lab, lost: &[&str]) -> (Rig, PathBuf) {
-    let path = lab.rig_file(halve);
+fn rigs(lab: &Lab, by: i64, lost: &[&str]) -> (Rig, PathBuf) {
+    let path = lab.rig_file(|document| shrink(document, by));
     fs::copy(&path, lab.path("truth.toml")).expect("copied");
     let truth = Lab::load(&path);
     let path = lab.rig_file(|document| {
-        halve(document);
+        shrink(document, by);
         document.remove("table");
         for camera in document["camera"].as_array_of_tables_mut().expect("cameras").iter_mut() {
             for table in lost {
@@ -154,7 +154,7 @@ fn pose_error(rig: &Path, truth: &Rig) -> (f64, f64) {
 #[test]
 fn a_session_on_pictures_survives_a_kill_and_ends_in_a_rig_that_is_right() {
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, &ALL);
+    let (truth, rig) = rigs(&lab, 2, &ALL);
     photograph(&lab, &truth, &places(&truth));
     // What a person takes along by mistake.
     GrayImage::from_pixel(960, 600, image::Luma([90]))
@@ -228,7 +228,7 @@ fn a_session_on_pictures_survives_a_kill_and_ends_in_a_rig_that_is_right() {
 #[test]
 fn a_session_on_a_recording_finds_the_poses() {
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, &["pose"]);
+    let (truth, rig) = rigs(&lab, 2, &["pose"]);
     let board = board();
     let cameras: Vec<_> = truth.cameras.iter().map(|c| (c, Photographer::new(&c.model))).collect();
     let pose = |camera: &netcord_common::rig::RigCamera, place: &Transform<World, Board>| {
@@ -271,19 +271,21 @@ fn a_session_on_a_recording_finds_the_poses() {
 fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, &ALL);
-    // The tour's places before the left camera, the right one, and both; each held for half a second.
+    let (truth, rig) = rigs(&lab, 4, &ALL);
+    // The tour's places before the left camera, the right one, and both: each in three frames, one on the way. They
+    // are rendered beforehand, so that a busy machine loses none.
     let tour = BoardPath::tour(&truth, &board()).to_csv();
     let stops: Vec<&str> = tour.lines().skip(1).step_by(2).collect();
     let mut way = String::new();
     for (i, stop) in stops[..stops.len() - 1].iter().enumerate() {
         let (_, pose) = stop.split_once(',').expect("seven numbers");
-        let t_s = i as f64 * 0.6;
-        way.push_str(&format!("{t_s},{pose}\n{},{pose}\n", t_s + 0.5));
+        let t_s = i as f64 * 0.5;
+        way.push_str(&format!("{t_s},{pose}\n{},{pose}\n", t_s + 0.375));
     }
     fs::write(lab.path("way.csv"), way).expect("written");
     let (truth_file, way) =
         (lab.path("truth.toml").display().to_string(), lab.path("way.csv").display().to_string());
+    let frames = (4 * (stops.len() - 1)).to_string();
     let capture = lab.start(&[
         "capture",
         "--rig",
@@ -293,7 +295,9 @@ fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
         "--scene",
         "clean",
         "--rate",
-        "25",
+        "8",
+        "--prerendered",
+        &frames,
         "--board",
         BOARD,
         "--board-path",
@@ -315,7 +319,7 @@ fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
     page.state_when("views of both at once", |s| kept(s) >= 9);
     process_and_save(&page);
     let (off_mm, off_deg) = pose_error(&rig, &truth);
-    assert!(off_mm < 8.0 && off_deg < 0.2, "{off_mm} mm, {off_deg}°");
+    assert!(off_mm < 10.0 && off_deg < 0.3, "{off_mm} mm, {off_deg}°");
     assert_eq!(session.stop().code, Some(0));
     assert_eq!(capture.stop().code, Some(0));
 }
@@ -323,7 +327,7 @@ fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
 #[test]
 fn a_session_that_cannot_be_is_refused_with_what_would_do() {
     let lab = Lab::new();
-    let (_, rig) = rigs(&lab, &ALL);
+    let (_, rig) = rigs(&lab, 2, &ALL);
     let rig = rig.display().to_string();
     fs::create_dir(lab.path("empty")).expect("a folder");
     let empty = lab.path("empty").display().to_string();
@@ -348,7 +352,7 @@ fn the_page_leads_from_preview_to_save_in_chromium() {
         return;
     };
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, &ALL);
+    let (truth, rig) = rigs(&lab, 2, &ALL);
     // One camera's pictures are enough for the page.
     photograph(&lab, &truth, &places(&truth)[..15]);
     let image = format!("left={}", lab.path("left").display());
