@@ -314,7 +314,8 @@ fn the_table_is_found_from_a_board_on_it_and_from_marks() {
     assert_eq!(session.advice(), Advice::Process);
     assert_eq!(session.process().expect_err("where does it lie?"), SessionError::NoPlace);
     session.place_board(place);
-    session.finish(session_problem(&mut session).solve(&|_, _| {}));
+    let solved = session.process().expect("something to solve").solve(&|_, _| {});
+    session.finish(solved);
     let by_board = Arc::clone(session.outcome().expect("solved"));
     let Outcome::Table(table) = by_board.as_ref() else { panic!("a table was asked for") };
     assert!((table.table.first_from_table.translation - truth.translation).norm() < 2e-3);
@@ -335,13 +336,10 @@ fn the_table_is_found_from_a_board_on_it_and_from_marks() {
     assert_eq!(session.marks().len(), 4);
     let wrong = Mark { camera: "left".into(), mark: "corner".into(), at: [0.0, 0.0] };
     assert!(session.set_mark(wrong).expect_err("no such mark").to_string().contains("x-y-"));
-    session.finish(session_problem(&mut session).solve(&|_, _| {}));
+    let solved = session.process().expect("something to solve").solve(&|_, _| {});
+    session.finish(solved);
     let Outcome::Table(table) = session.outcome().expect("solved").as_ref() else { panic!("a table") };
     assert!((table.table.first_from_table.translation - truth.translation).norm() < 1e-6);
-}
-
-fn session_problem(session: &mut Session) -> Problem {
-    session.process().expect("something to solve")
 }
 
 #[test]
