@@ -3,7 +3,10 @@
 # USB stack, and runs aravis and netcord against them. From the repository's root, without arguments.
 #
 #   PROFILE=dev   build with the dev profile instead of release
+#   BUILT=FOLDER  take the executables from there instead of building them
+#   ROWS=REGEX    only the rows whose names match
 #   ICOUNT=off    run the guest on the host's clock instead of virtual time, to let races happen
+#   KEEP=FOLDER   leave the guest's console and report there
 #
 # Ends with 0 only when every row of the guest's report says `ok`.
 set -euo pipefail
@@ -16,7 +19,7 @@ icount=${ICOUNT:-on}
 mkdir -p "$cache"
 
 fail() { echo "FAILED usb-guest: $*" >&2; exit 1; }
-for tool in apt-get apt-cache dpkg-deb python3 timeout cargo; do
+for tool in apt-get apt-cache dpkg-deb python3 timeout cargo strip ldd; do
     command -v "$tool" >/dev/null || fail "$tool is missing on this machine"
 done
 
@@ -57,12 +60,16 @@ tree=$cache/tree
 # ---- what is under test -------------------------------------------------------------------------------
 cd "$root"
 if [ "$profile" = release ]; then flags=--release; out=target/release; else flags=; out=target/debug; fi
-# shellcheck disable=SC2086
-cargo build --quiet $flags -p netcord -p netcord-emulator -p netcord-tests --bins || fail "the build"
+if [ -n "${BUILT:-}" ]; then
+    out=$BUILT
+else
+    # shellcheck disable=SC2086
+    cargo build --quiet $flags -p netcord -p netcord-emulator -p netcord-tests --bins || fail "the build"
+fi
 
 # ---- the guest's root file system, all in memory --------------------------------------------------------
 work=$(mktemp -d "${TMPDIR:-/tmp}/netcord-usb-guest.XXXXXX")
-trap 'rm -rf "$work"' EXIT
+trap '[ -z "${KEEP:-}" ] || cp "$work/console" "$work/report" "$KEEP/"; rm -rf "$work"' EXIT
 fs=$work/fs
 mkdir -p "$fs"/{bin,dev,proc,sys,tmp,run,etc,lib,lib64,mod,var/run/vhci_hcd,dev/shm}
 cp "$tree/bin/busybox" "$fs/bin/busybox"
@@ -71,7 +78,10 @@ for program in usr/sbin/usbip usr/bin/arv-tool-0.8 usr/bin/arv-camera-test-0.8 u
     [ -e "$tree/$program" ] || fail "$program is in none of the packages"
     cp "$tree/$program" "$fs/bin/"
 done
-cp "$out/netcord" "$out/netcord-emulator" "$out/usb-scenarios" "$fs/bin/"
+for program in netcord netcord-emulator usb-scenarios; do
+    # Without what only a debugger reads: the guest holds everything in memory.
+    strip -o "$fs/bin/$program" "$out/$program" || fail "$program cannot be stripped"
+done
 search=$tree/usr/lib/x86_64-linux-gnu:$tree/lib/x86_64-linux-gnu:$tree/usr/lib
 for program in "$fs"/bin/{usbip,arv-tool-0.8,arv-camera-test-0.8,lsusb,netcord,netcord-emulator,usb-scenarios}; do
     LD_LIBRARY_PATH=$search ldd "$program" | awk '/not found/{print "MISSING " $1} $3 ~ /^\//{print $3}'
@@ -87,6 +97,7 @@ for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
 done
 cp "$here/usb-guest/init.sh" "$fs/init"
 cp "$here"/usb-guest/*.toml "$here/usb-guest/rows.sh" "$fs/etc/"
+printf '%s' "${ROWS:-}" > "$fs/etc/rows-wanted"
 chmod +x "$fs/init"
 cpio=$(command -v cpio || echo "$tree/bin/cpio")
 (cd "$fs" && find . | "$cpio" -o -H newc --quiet > "$work/initrd")
@@ -97,8 +108,8 @@ time_flags=(-icount shift=1,sleep=off)
 [ "$icount" = on ] || time_flags=()
 : > "$work/report"
 code=0
-LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout 330 \
-    "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max -smp 1 -m 1536 \
+LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout ${LIMIT:-330} \
+    "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max,-erms,-fsrm -smp 1 -m 1536 \
     -kernel "$cache/vmlinux" -initrd "$work/initrd" \
     -append "console=ttyS0 panic=-1 quiet mitigations=off" \
     -nodefaults -display none -monitor none -serial "file:$work/console" -serial "file:$work/report" -no-reboot \

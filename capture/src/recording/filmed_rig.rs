@@ -1,7 +1,9 @@
 use netcord_common::{
     DomainName,
     geometry::{Camera, Transform, World},
-    rig::{Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, Rig, RigCamera, TriggerRole},
+    rig::{
+        Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, Rig, RigCamera, TriggerRole, Wiring,
+    },
     wire::{MAX_CAMERAS, WorldFrame},
 };
 
@@ -121,6 +123,7 @@ impl Footage {
             index,
             serial: String::new(),
             pixel_format: first.map_or(netcord_common::PixelFormat::Mono8, |f| f.format),
+            device_format: None,
             // Recordings of others do not say; 0 = not known.
             exposure_ns: header.map_or(0, |h| h.exposure_ns),
             gain_db: header.map_or(0.0, |h| h.gain_db),
@@ -128,6 +131,7 @@ impl Footage {
             master: false,
             line: None,
             line_delay_ns: 0,
+            wiring: Wiring::default(),
             model: calibration.model,
             intrinsics_sigma: None,
             camera_from_world,

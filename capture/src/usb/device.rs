@@ -5,9 +5,10 @@ use rusb::{Context, DeviceHandle, UsbContext};
 use thiserror::Error;
 
 use super::{
+    access::FeatureAccess,
     clock::ClockReading,
     discovery::{DiscoveryError, Endpoints, discover, endpoints_of},
-    genapi::{FeatureError, FeatureInfo, GenApi, LoadError, Value},
+    genapi::{FeatureError, GenApi, LoadError},
     gencp::{
         Abrm, ControlChannel, ControlPipe, DescriptionError, Memory, MemoryError, PipeError, Sbrm,
         SirmAddress, read_description,
@@ -137,6 +138,12 @@ pub struct Camera {
     sirm: SirmAddress,
 }
 
+impl FeatureAccess for Camera {
+    fn parts(&mut self) -> (&mut GenApi, &mut dyn Memory) {
+        (&mut self.api, &mut self.channel)
+    }
+}
+
 impl Camera {
     /// Opens the camera with a serial number; an empty one opens the only camera there is.
     ///
@@ -198,59 +205,6 @@ impl Camera {
     /// Its features by category.
     pub fn features(&self) -> Vec<(String, Vec<String>)> {
         self.api.features()
-    }
-
-    /// Whether it has a feature.
-    pub fn has(&self, name: &str) -> bool {
-        self.api.has(name)
-    }
-
-    /// The value of a feature.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn get(&mut self, name: &str) -> Result<Value, FeatureError> {
-        self.api.get(&mut self.channel, name)
-    }
-
-    /// The value of a feature as a float.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn get_float(&mut self, name: &str) -> Result<f64, FeatureError> {
-        self.api.get_float(&mut self.channel, name)
-    }
-
-    /// The number behind a feature.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn get_int(&mut self, name: &str) -> Result<i64, FeatureError> {
-        self.api.get_int(&mut self.channel, name)
-    }
-
-    /// Sets a feature from text.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn set(&mut self, name: &str, value: &str) -> Result<(), FeatureError> {
-        self.api.set(&mut self.channel, name, value)
-    }
-
-    /// Carries a command out.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn execute(&mut self, name: &str) -> Result<(), FeatureError> {
-        self.api.execute(&mut self.channel, name)
-    }
-
-    /// All about a feature.
-    ///
-    /// # Errors
-    /// [`FeatureError`].
-    pub fn info(&mut self, name: &str) -> Result<FeatureInfo, FeatureError> {
-        self.api.info(&mut self.channel, name)
     }
 
     /// Reads the device's clock between two stamps of the host's.

@@ -6,6 +6,7 @@
 //!   into the slots of shared memory that readers see.
 //! - [`DeviceClock`] and [`TriggerMatcher`] bring frames to the host's clock and to their triggers.
 
+mod access;
 mod bytes;
 mod checks;
 mod clock;
@@ -23,6 +24,7 @@ pub mod stream;
 mod testing;
 mod transfers;
 
+pub use access::FeatureAccess;
 pub use checks::{Check, CheckResult, UDEV_RULE, UDEV_RULE_PATH, check_all};
 pub use clock::{ClockReading, DeviceClock, HostInstant};
 pub use device::{Camera, CameraError, UsbPipe};
@@ -31,4 +33,4 @@ pub use discovery::{
 };
 pub use matching::{Grid, Matched, TriggerMatcher};
 pub use settings::{InForce, apply, is_host_triggered, set_exposure, set_gain, set_rate, set_white_balance};
-pub use source::{StampMeaning, UsbOptions, UsbSource};
+pub use source::{UsbOptions, UsbSource};

@@ -2,10 +2,10 @@
 
 use netcord_common::{
     PixelFormat,
-    rig::{RigCamera, TriggerRole},
+    rig::{RigCamera, TriggerEdge, TriggerRole},
 };
 
-use super::{CameraError, device::Camera, genapi::FeatureError};
+use super::{CameraError, access::FeatureAccess, genapi::FeatureError};
 
 /// What is in force on the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,7 +43,7 @@ fn optional(result: Result<(), FeatureError>) -> Result<(), FeatureError> {
 ///
 /// # Errors
 /// [`CameraError`]; a camera that cannot do what the rig needs is an error that says what is missing.
-pub fn apply(camera: &mut Camera, wanted: &RigCamera) -> Result<InForce, CameraError> {
+pub fn apply(camera: &mut impl FeatureAccess, wanted: &RigCamera) -> Result<InForce, CameraError> {
     let device_format = set_format(camera, wanted)?;
     // Offsets first, so that the full width is allowed.
     optional(camera.set("OffsetX", "0"))?;
@@ -57,10 +57,8 @@ pub fn apply(camera: &mut Camera, wanted: &RigCamera) -> Result<InForce, CameraE
     set_gain(camera, wanted.gain_db)?;
     set_trigger(camera, wanted)?;
     let exposure_ns = set_exposure(camera, wanted.exposure_ns)?;
-    let int = |camera: &mut Camera, name| -> Result<u32, CameraError> {
-        Ok(u32::try_from(camera.get_int(name)?).unwrap_or(0))
-    };
-    let (width, height) = (int(camera, "Width")?, int(camera, "Height")?);
+    let width = u32::try_from(camera.get_int("Width")?).unwrap_or(0);
+    let height = u32::try_from(camera.get_int("Height")?).unwrap_or(0);
     if (width, height) != (wanted.model.width, wanted.model.height) {
         return Err(CameraError::Setup(format!(
             "the rig says {} × {} px, but the camera stays at {width} × {height} px",
@@ -71,40 +69,32 @@ pub fn apply(camera: &mut Camera, wanted: &RigCamera) -> Result<InForce, CameraE
     Ok(InForce { width, height, device_format, true_format: wanted.pixel_format, exposure_ns, gain_db })
 }
 
-/// Sets the rig's pixel format. Where the camera does not know it, it may be one that names its mosaic
-/// wrongly: any of its 8-bit formats is then taken as what the rig file says; all others are refused.
-fn set_format(camera: &mut Camera, wanted: &RigCamera) -> Result<u32, CameraError> {
-    match camera.set("PixelFormat", wanted.pixel_format.name()) {
-        Ok(()) => return Ok(wanted.pixel_format.pfnc()),
-        Err(FeatureError::NoEntry { .. }) => {}
-        Err(e) => return Err(e.into()),
+/// Sets the rig's pixel format, or the one that stands for it on this device; gives its PFNC code.
+fn set_format(camera: &mut impl FeatureAccess, wanted: &RigCamera) -> Result<u32, CameraError> {
+    let format = wanted.device_format.unwrap_or(wanted.pixel_format);
+    let cannot = |has: &str| {
+        CameraError::Setup(format!(
+            "the camera cannot deliver {format}: {has}. Frames are taken with 8 bits a pixel, not with 10 or 12, packed or \
+             not; a camera that calls this mosaic otherwise needs device_format in the rig file"
+        ))
+    };
+    match camera.set("PixelFormat", format.name()) {
+        Ok(()) => Ok(format.pfnc()),
+        Err(FeatureError::NoEntry { valid, .. }) => Err(cannot(&format!("it offers {}", valid.join(", ")))),
+        // Fixed, which is well if it is the right one.
+        Err(FeatureError::ReadOnly(_)) => match camera.get("PixelFormat")?.to_string() {
+            name if name == format.name() => Ok(format.pfnc()),
+            other => Err(cannot(&format!("it is fixed at {other}"))),
+        },
+        Err(e) => Err(e.into()),
     }
-    let mut code = u32::try_from(camera.get_int("PixelFormat")?).unwrap_or(0);
-    if PixelFormat::from_pfnc(code).is_err() {
-        let offered = camera.info("PixelFormat")?.entries;
-        let eight_bit = offered.iter().find(|name| name.parse::<PixelFormat>().is_ok());
-        let Some(name) = eight_bit else {
-            return Err(CameraError::Setup(format!(
-                "the camera offers only {}: formats of 10 and 12 bits are not taken; set one of 8 bits",
-                offered.join(", ")
-            )));
-        };
-        camera.set("PixelFormat", name)?;
-        code = u32::try_from(camera.get_int("PixelFormat")?).unwrap_or(0);
-    }
-    tracing::warn!(
-        camera = %wanted.name,
-        "the camera has no {}: its {code:#010x} is taken as what the rig file says",
-        wanted.pixel_format
-    );
-    Ok(code)
 }
 
 /// Sets the exposure, ns; gives what is in force.
 ///
 /// # Errors
 /// [`FeatureError`].
-pub fn set_exposure(camera: &mut Camera, ns: u64) -> Result<u64, FeatureError> {
+pub fn set_exposure(camera: &mut impl FeatureAccess, ns: u64) -> Result<u64, FeatureError> {
     let us = ns as f64 / 1000.0;
     // Older cameras call it ExposureTimeAbs.
     let name = if camera.has("ExposureTime") { "ExposureTime" } else { "ExposureTimeAbs" };
@@ -116,7 +106,7 @@ pub fn set_exposure(camera: &mut Camera, ns: u64) -> Result<u64, FeatureError> {
 ///
 /// # Errors
 /// [`FeatureError`].
-pub fn set_gain(camera: &mut Camera, db: f64) -> Result<f64, FeatureError> {
+pub fn set_gain(camera: &mut impl FeatureAccess, db: f64) -> Result<f64, FeatureError> {
     optional(camera.set("GainSelector", "All"))
         .or_else(|e| if matches!(e, FeatureError::NoEntry { .. }) { Ok(()) } else { Err(e) })?;
     match camera.set("Gain", &format!("{db:?}")) {
@@ -131,7 +121,7 @@ pub fn set_gain(camera: &mut Camera, db: f64) -> Result<f64, FeatureError> {
 ///
 /// # Errors
 /// [`FeatureError`].
-pub fn set_white_balance(camera: &mut Camera, red: f64, blue: f64) -> Result<(), FeatureError> {
+pub fn set_white_balance(camera: &mut impl FeatureAccess, red: f64, blue: f64) -> Result<(), FeatureError> {
     optional(camera.set("BalanceWhiteAuto", "Off"))?;
     for (channel, factor) in [("Red", red), ("Blue", blue)] {
         camera.set("BalanceRatioSelector", channel)?;
@@ -144,43 +134,184 @@ pub fn set_white_balance(camera: &mut Camera, red: f64, blue: f64) -> Result<(),
 ///
 /// # Errors
 /// [`FeatureError`].
-pub fn set_rate(camera: &mut Camera, hz: f64) -> Result<(), FeatureError> {
+pub fn set_rate(camera: &mut impl FeatureAccess, hz: f64) -> Result<(), FeatureError> {
     optional(camera.set("AcquisitionFrameRateEnable", "true"))?;
     camera.set("AcquisitionFrameRate", &format!("{hz:?}"))
 }
 
-fn set_trigger(camera: &mut Camera, wanted: &RigCamera) -> Result<(), CameraError> {
-    optional(camera.set("TriggerSelector", "FrameStart"))?;
-    let set = |camera: &mut Camera, name: &str, value: &str| -> Result<(), CameraError> {
-        camera.set(name, value)?;
-        let got = camera.get(name)?.to_string();
-        if got == value {
-            return Ok(());
+/// Sets a feature, and wants to read the same.
+fn set_and_check(camera: &mut impl FeatureAccess, name: &str, value: &str) -> Result<(), CameraError> {
+    camera.set(name, value)?;
+    let got = camera.get(name)?.to_string();
+    if got == value {
+        return Ok(());
+    }
+    Err(CameraError::Setup(format!("{name} was set to {value}, but reads back as {got}")))
+}
+
+/// The same for a feature that may be missing where the rig wants what is usual anyway.
+fn set_or_usual(
+    camera: &mut impl FeatureAccess,
+    name: &str,
+    value: &str,
+    usual: bool,
+) -> Result<(), CameraError> {
+    match set_and_check(camera, name, value) {
+        Err(CameraError::Feature(e))
+            if usual && (e.is_absent() || matches!(e, FeatureError::ReadOnly(_))) =>
+        {
+            Ok(())
         }
-        Err(CameraError::Setup(format!("{name} was set to {value}, but reads back as {got}")))
-    };
+        other => other,
+    }
+}
+
+/// Sets role, line, polarity and delay of the trigger, and of the strobe.
+fn set_trigger(camera: &mut impl FeatureAccess, wanted: &RigCamera) -> Result<(), CameraError> {
+    optional(camera.set("TriggerSelector", "FrameStart"))?;
     // Some cameras let the source be changed only while the trigger is off.
-    set(camera, "TriggerMode", "Off").or_else(|e| match e {
-        CameraError::Feature(f) if f.is_absent() && wanted.trigger == TriggerRole::FreeRun => Ok(()),
-        other => Err(other),
-    })?;
+    set_or_usual(camera, "TriggerMode", "Off", wanted.trigger == TriggerRole::FreeRun)?;
     if is_host_triggered(wanted) {
-        set(camera, "TriggerSource", "Software")?;
-        set(camera, "TriggerMode", "On")?;
+        set_and_check(camera, "TriggerSource", "Software")?;
     } else if wanted.trigger == TriggerRole::Hardware {
         let line = wanted.line.as_deref().unwrap_or("Line0");
         optional(camera.set("LineSelector", line))?;
         optional(camera.set("LineMode", "Input"))?;
-        set(camera, "TriggerSource", line)?;
-        optional(camera.set("TriggerActivation", "RisingEdge"))?;
-        optional(camera.set("TriggerDelay", "0"))?;
-        set(camera, "TriggerMode", "On")?;
+        set_and_check(camera, "TriggerSource", line)?;
+        let (edge, usual) = match wanted.wiring.edge {
+            TriggerEdge::Rising => ("RisingEdge", true),
+            TriggerEdge::Falling => ("FallingEdge", false),
+        };
+        set_or_usual(camera, "TriggerActivation", edge, usual)?;
+    }
+    if wanted.trigger != TriggerRole::FreeRun {
+        set_delay(camera, wanted.wiring.delay_ns)?;
+        set_and_check(camera, "TriggerMode", "On")?;
     }
     if wanted.master {
         let line = wanted.line.as_deref().unwrap_or("Line1");
-        set(camera, "LineSelector", line)?;
+        set_and_check(camera, "LineSelector", line)?;
         optional(camera.set("LineMode", "Output"))?;
-        set(camera, "LineSource", "ExposureActive")?;
+        set_and_check(camera, "LineSource", "ExposureActive")?;
+        let falls = wanted.wiring.edge == TriggerEdge::Falling;
+        set_or_usual(camera, "LineInverter", if falls { "true" } else { "false" }, !falls)?;
     }
     Ok(())
+}
+
+/// Sets the delay between trigger and exposure, and reads back that it is in force.
+fn set_delay(camera: &mut impl FeatureAccess, ns: u64) -> Result<(), CameraError> {
+    let us = ns as f64 / 1e3;
+    match camera.set("TriggerDelay", &format!("{us:?}")) {
+        Err(e) if ns == 0 && (e.is_absent() || matches!(e, FeatureError::ReadOnly(_))) => return Ok(()),
+        other => other?,
+    }
+    let got = camera.get_float("TriggerDelay")?;
+    // Cameras count in units of their own, of a few µs at most.
+    if (got - us).abs() <= 10.0 {
+        return Ok(());
+    }
+    Err(CameraError::Setup(format!("TriggerDelay was set to {us} µs, but reads back as {got} µs")))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use netcord_common::rig::{Rig, Wiring};
+    use netcord_emulator::CameraConfig;
+
+    use super::*;
+    use crate::usb::testing::BenchFeatures;
+
+    fn wanted() -> RigCamera {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
+        Rig::load(&path).expect("the example is valid").cameras[0].clone()
+    }
+
+    fn camera() -> BenchFeatures {
+        BenchFeatures::of(CameraConfig::default())
+    }
+
+    fn read(camera: &mut BenchFeatures, names: &[&str]) -> Vec<String> {
+        names.iter().map(|n| camera.get(n).expect("it can be read").to_string()).collect()
+    }
+
+    const WIRING: Wiring = Wiring {
+        edge: TriggerEdge::Falling,
+        delay_ns: 250_000,
+        stamp: netcord_common::rig::StampMeaning::ExposureStart,
+    };
+
+    #[test]
+    fn a_slave_waits_for_its_line_with_the_polarity_and_delay_of_the_rig_file() {
+        let mut slave = camera();
+        let rig = RigCamera {
+            trigger: TriggerRole::Hardware,
+            master: false,
+            line: Some("Line2".into()),
+            wiring: WIRING,
+            ..wanted()
+        };
+        apply(&mut slave, &rig).expect("it can do this");
+        let names = ["TriggerMode", "TriggerSource", "TriggerActivation", "TriggerDelay", "LineMode"];
+        assert_eq!(read(&mut slave, &names), ["On", "Line2", "FallingEdge", "250", "Input"]);
+    }
+
+    #[test]
+    fn a_master_is_triggered_by_the_host_and_strobes_its_exposure() {
+        let mut master = camera();
+        let rig = RigCamera {
+            trigger: TriggerRole::Hardware,
+            master: true,
+            line: None,
+            wiring: WIRING,
+            ..wanted()
+        };
+        apply(&mut master, &rig).expect("it can do this");
+        let names =
+            ["TriggerSource", "TriggerMode", "LineSelector", "LineMode", "LineSource", "LineInverter"];
+        assert_eq!(
+            read(&mut master, &names),
+            ["Software", "On", "Line1", "Output", "ExposureActive", "true"]
+        );
+    }
+
+    #[test]
+    fn exposure_gain_and_size_are_what_the_camera_says_afterwards() {
+        let mut one = camera();
+        let rig =
+            RigCamera { exposure_ns: 1_234_560, gain_db: 3.217, trigger: TriggerRole::FreeRun, ..wanted() };
+        let in_force = apply(&mut one, &rig).expect("it can do this");
+        // The camera counts in 0.1 µs and 0.01 dB.
+        assert!(in_force.exposure_ns.abs_diff(1_234_560) <= 100, "{in_force:?}");
+        assert!((in_force.gain_db - 3.217).abs() < 0.011, "{in_force:?}");
+        assert_eq!((in_force.width, in_force.height, in_force.device_format), (1920, 1200, 0x0108_0009));
+        assert_eq!(read(&mut one, &["TriggerMode"]), ["Off"]);
+        let mut small = camera();
+        let config = CameraConfig { sensor: (640, 480), ..CameraConfig::default() };
+        let error = apply(&mut BenchFeatures::of(config), &rig).expect_err("too small a sensor").to_string();
+        assert!(error.contains("1920") && error.contains("Width"), "{error}");
+        assert!(set_exposure(&mut small, 1_000_000_000_000).is_err());
+    }
+
+    #[test]
+    fn a_mosaic_that_the_device_calls_otherwise_is_taken_as_the_rig_file_says() {
+        let mut lying = camera();
+        let rig = RigCamera {
+            pixel_format: PixelFormat::BayerBG8,
+            device_format: Some(PixelFormat::BayerRG8),
+            ..wanted()
+        };
+        let in_force = apply(&mut lying, &rig).expect("it has this format");
+        assert_eq!((in_force.device_format, in_force.true_format), (0x0108_0009, PixelFormat::BayerBG8));
+        assert_eq!(read(&mut lying, &["PixelFormat"]), ["BayerRG8"]);
+    }
+
+    #[test]
+    fn formats_of_more_than_8_bits_are_refused_by_name() {
+        let config = CameraConfig { deep_only: true, pixel_format: 0x010C_0059, ..CameraConfig::default() };
+        let error = apply(&mut BenchFeatures::of(config), &wanted()).expect_err("12 bits").to_string();
+        assert!(error.contains("it offers BayerRG12p") && error.contains("BayerRG8"), "{error}");
+    }
 }

@@ -8,7 +8,11 @@ use std::{
 use netcord_common::Stamp;
 use netcord_emulator::{Camera, CameraConfig, PatternImages, Rig};
 
-use super::gencp::{ControlChannel, ControlPipe, PipeError};
+use super::{
+    FeatureAccess,
+    genapi::GenApi,
+    gencp::{Abrm, ControlChannel, ControlPipe, Memory, PipeError, read_description},
+};
 
 /// Emulated cameras and their time.
 #[derive(Clone)]
@@ -43,6 +47,27 @@ impl Bench {
 
     pub(crate) fn channel(&mut self, camera: usize) -> ControlChannel<BenchPipe> {
         ControlChannel::new(BenchPipe { bench: self.clone(), camera })
+    }
+}
+
+/// An emulated camera's features, through its own description.
+pub(crate) struct BenchFeatures {
+    api: GenApi,
+    channel: ControlChannel<BenchPipe>,
+}
+
+impl BenchFeatures {
+    pub(crate) fn of(config: CameraConfig) -> Self {
+        let mut channel = Bench::of([config]).channel(0);
+        let abrm = Abrm::read(&mut channel).expect("registers");
+        let description = read_description(&mut channel, abrm.manifest).expect("a description");
+        Self { api: GenApi::load(&description).expect("valid"), channel }
+    }
+}
+
+impl FeatureAccess for BenchFeatures {
+    fn parts(&mut self) -> (&mut GenApi, &mut dyn Memory) {
+        (&mut self.api, &mut self.channel)
     }
 }
 

@@ -24,6 +24,9 @@ pub trait StreamHandler: Send {
     /// `count` frames are lost.
     fn lost(&mut self, loss: FrameLoss, count: u64);
 
+    /// The payload of a frame has come: its trailer is to follow at once.
+    fn awaits_trailer(&mut self);
+
     /// The stream has stopped by itself: it is out of step (restart it), or the device has gone.
     fn stopped(&mut self, gone: bool);
 }
@@ -187,6 +190,19 @@ impl<H: StreamHandler> Stream<H> {
         state.outstanding == 0
     }
 
+    /// Ends the stream where the trailer of a frame is still missing and the handler (`unchanged`) knows
+    /// of nothing newer; true if so. A trailer that is lost would else be noticed only when the next
+    /// frame runs into its place, and that frame would be lost too.
+    pub fn end_without_trailer(&self, unchanged: impl FnOnce(&mut H) -> bool) -> bool {
+        let mut state = self.shared.lock();
+        if !state.running || !state.ring.assembler().awaits_trailer() || !unchanged(&mut state.handler) {
+            return false;
+        }
+        state.running = false;
+        state.handler.lost(FrameLoss::TrailerLost, 1);
+        true
+    }
+
     /// Works on the stream's judge and handler between two transfers.
     pub fn with<T>(&self, work: impl FnOnce(&mut Ring<H::Buffer>, &mut H) -> T) -> T {
         let mut state = self.shared.lock();
@@ -239,7 +255,12 @@ impl<H: StreamHandler> State<H> {
     fn complete(&mut self, unit: usize, part: usize, end: TransferEnd, received: usize) {
         let step = self.ring.complete(unit, part, end, received);
         match step {
-            Step::Continue => return,
+            Step::Continue => {
+                if self.ring.assembler().awaits_trailer() {
+                    self.handler.awaits_trailer();
+                }
+                return;
+            }
             Step::OutOfStep(loss) => {
                 self.handler.lost(loss, 1);
                 self.running = false;

@@ -1,5 +1,6 @@
 use serde::Deserialize;
 
+use super::Wiring;
 use crate::{
     camera::{CameraModel, INTRINSICS},
     geometry::{Camera, Transform, World},
@@ -61,6 +62,8 @@ pub struct RigCamera {
     pub serial: String,
     /// The mosaic, as it truly is (some devices name it wrongly).
     pub pixel_format: PixelFormat,
+    /// The format that the device must be set to, where its name for this mosaic is another.
+    pub device_format: Option<PixelFormat>,
     /// Length of the exposure, ns.
     pub exposure_ns: u64,
     /// Gain, dB.
@@ -73,6 +76,8 @@ pub struct RigCamera {
     pub line: Option<String>,
     /// Time from the trigger impulse to the start of the exposure, ns.
     pub line_delay_ns: u64,
+    /// Polarity and delay of its trigger, and the meaning of its stamps.
+    pub wiring: Wiring,
     /// Intrinsics.
     pub model: CameraModel,
     /// Standard deviations of the intrinsics, where calibration gave them.

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{BallColour, Restart, TriggerRole};
+use super::{BallColour, Restart, StampMeaning, TriggerEdge, TriggerRole};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,6 +55,7 @@ pub(super) struct CameraTable {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) pixel_format: Spanned<String>,
+    pub(super) device_format: Option<Spanned<String>>,
     pub(super) exposure_us: Spanned<f64>,
     #[serde(default)]
     pub(super) gain_db: f64,
@@ -65,6 +66,11 @@ pub(super) struct CameraTable {
     pub(super) line: Option<String>,
     #[serde(default)]
     pub(super) line_delay_us: f64,
+    #[serde(default)]
+    pub(super) trigger_edge: TriggerEdge,
+    pub(super) trigger_delay_us: Option<Spanned<f64>>,
+    #[serde(default)]
+    pub(super) stamp: StampMeaning,
     pub(super) intrinsics: Option<Spanned<IntrinsicsTable>>,
     pub(super) pose: Option<PoseTable>,
 }

@@ -13,6 +13,7 @@ mod file;
 mod flight;
 mod process;
 mod resolve;
+mod wiring;
 
 pub use ball::{Ball, BallColour};
 pub use camera::{CameraIndex, IntrinsicsSigma, RigCamera, TriggerRole};
@@ -21,3 +22,4 @@ pub use error::RigError;
 pub use flight::{FlightConstants, HittingPlane};
 pub use process::{ProcessSpec, Restart};
 pub use resolve::Rig;
+pub use wiring::{StampMeaning, TriggerEdge, Wiring};

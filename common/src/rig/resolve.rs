@@ -4,13 +4,14 @@ use nalgebra::{Matrix3, Vector3};
 use toml::Spanned;
 
 use super::{
-    Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, RigCamera, RigError,
+    Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, RigCamera, RigError, Wiring,
     file::{CameraTable, FlightTable, PoseTable, ProcessTable, RigFile},
 };
 use crate::{
     camera::{CameraModel, Distortion},
     geometry::{Camera, ReferenceFrame, Transform, World},
     name::{CameraName, DomainName},
+    pixel::PixelFormat,
     wire::{MAX_CAMERAS, WorldFrame},
 };
 
@@ -208,11 +209,15 @@ impl Source<'_> {
                 ));
             }
         };
-        let pixel_format = table
-            .pixel_format
-            .get_ref()
-            .parse()
-            .map_err(|e| self.error(table.pixel_format.span(), format!("camera {name}: {e}")))?;
+        let format = |text: &Spanned<String>| {
+            text.get_ref()
+                .parse::<PixelFormat>()
+                .map_err(|e| self.error(text.span(), format!("camera {name}: {e}")))
+        };
+        let pixel_format = format(&table.pixel_format)?;
+        let device_format = table.device_format.as_ref().map(format).transpose()?;
+        let key = format!("camera {name}: trigger_delay_us");
+        let delay_us = self.within(&key, table.trigger_delay_us.as_ref(), 0.0..=1e6)?.unwrap_or(0.0);
         let exposure_us = self
             .within(&format!("camera {name}: exposure_us"), Some(&table.exposure_us), 1.0..=1e6)?
             .expect("given");
@@ -220,12 +225,18 @@ impl Source<'_> {
             index,
             serial: table.serial.clone(),
             pixel_format,
+            device_format,
             exposure_ns: (exposure_us * 1e3).round() as u64,
             gain_db: table.gain_db,
             trigger: table.trigger,
             master: table.master,
             line: table.line.clone(),
             line_delay_ns: (table.line_delay_us.max(0.0) * 1e3).round() as u64,
+            wiring: Wiring {
+                edge: table.trigger_edge,
+                delay_ns: (delay_us * 1e3).round() as u64,
+                stamp: table.stamp,
+            },
             model,
             intrinsics_sigma: k.sigma,
             camera_from_world: &camera_from_first * first_from_world,

@@ -446,7 +446,7 @@ fn power_on(config: &CameraConfig) -> Registers {
     r.add(at::SIRM, vec![0; 0x30]);
     r.add(at::MANIFEST, vec![0; 8 + 64]);
     r.add(at::FEATURES, vec![0; 0x100 + at::FAULTS_LENGTH]);
-    let xml = zipped(&description());
+    let xml = zipped(&description(config.deep_only));
 
     r.set_u32(0x000, 0x0001_0003);
     r.set_text(0x004, "netcord");

@@ -31,6 +31,8 @@ pub struct CameraConfig {
     pub sensor: (u32, u32),
     /// PFNC code of the format after power-on.
     pub pixel_format: u32,
+    /// Whether it offers formats of more than 8 bits only.
+    pub deep_only: bool,
     /// Alignment of transfers, as a logarithm.
     pub alignment_log2: u8,
     /// Whether stacked reads are offered.
@@ -60,6 +62,7 @@ impl Default for CameraConfig {
             usb_id: (0x1209, 0xE301),
             sensor: (1920, 1200),
             pixel_format: 0x0108_0009,
+            deep_only: false,
             alignment_log2: 10,
             stacked: true,
             clock_offset_ns: 5_000_000_000,

@@ -9,8 +9,21 @@ use crate::registers::at;
 /// addresses, both byte orders, so that a reader meets each of them.
 const TEMPLATE: &str = include_str!("description.xml");
 
-/// The description with its addresses.
-pub(crate) fn description() -> String {
+/// The description with its addresses; `deep_only` leaves out formats of 8 bits.
+pub(crate) fn description(deep_only: bool) -> String {
+    let text = with_addresses();
+    if !deep_only {
+        return text;
+    }
+    const ENTRY: &str = "<EnumEntry Name=\"";
+    text.split(ENTRY)
+        .enumerate()
+        .filter(|(_, entry)| !entry.split('"').next().is_some_and(|n| n.ends_with('8')))
+        .map(|(index, entry)| if index == 0 { entry.to_owned() } else { format!("{ENTRY}{entry}") })
+        .collect()
+}
+
+fn with_addresses() -> String {
     let addresses: [(&str, u64); 32] = [
         ("WIDTH", at::WIDTH),
         ("HEIGHT", at::HEIGHT),
@@ -94,7 +107,9 @@ mod tests {
 
     #[test]
     fn every_address_of_the_description_is_filled_in() {
-        let text = description();
+        let text = description(false);
+        assert!(text.contains("BayerRG8") && !description(true).contains("BayerRG8"));
+        assert!(description(true).contains("BayerRG12p") && description(true).contains("FaultPlan"));
         assert!(!text.contains('@'), "a place for an address is left: {:?}", text.find('@'));
         let zip = zipped(&text);
         assert!(zip.len() < text.len());

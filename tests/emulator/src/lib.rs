@@ -13,6 +13,7 @@ mod description;
 mod descriptors;
 mod endpoint;
 mod fault;
+pub mod footage;
 mod frame;
 pub mod pattern;
 mod registers;

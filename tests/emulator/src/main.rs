@@ -1,13 +1,14 @@
 //! Emulated USB3 Vision cameras over USB/IP: `usbip attach -r HOST -b 1-1`.
 
-use std::{env, net::TcpListener, process::ExitCode};
+use std::{env, net::TcpListener, path::Path, process::ExitCode};
 
 use netcord_emulator::{
-    Camera, CameraConfig, FaultPlan, LinkSpeed, PatternImages, Rig, StampAt, Wire, usbip,
+    Camera, CameraConfig, FaultPlan, ImageSource, LinkSpeed, PatternImages, Rig, StampAt, Wire,
+    footage::Footage, usbip,
 };
 
 const USAGE: &str = "netcord-emulator [--cameras N] [--size WxH] [--port P] [--wires] [--high-speed] \
-                     [--left-enabled] [--stamp-end] [--faults PLAN]\n\
+                     [--left-enabled] [--stamp-end] [--deep-only] [--faults PLAN] [--footage FILE]\n\
                      --wires: camera 0 strobes line 1, which is line 0 of all others";
 
 struct Options {
@@ -15,10 +16,12 @@ struct Options {
     config: CameraConfig,
     port: u16,
     wires: bool,
+    footage: Option<Footage>,
 }
 
 fn options(mut words: impl Iterator<Item = String>) -> Result<Options, String> {
-    let mut o = Options { cameras: 1, config: CameraConfig::default(), port: 3240, wires: false };
+    let mut o =
+        Options { cameras: 1, config: CameraConfig::default(), port: 3240, wires: false, footage: None };
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or(format!("{word} wants a value\n{USAGE}"));
         match word.as_str() {
@@ -30,6 +33,16 @@ fn options(mut words: impl Iterator<Item = String>) -> Result<Options, String> {
                 o.config.sensor = parsed.ok_or(format!("--size: {size:?} is not of the form 640x480"))?;
             }
             "--faults" => o.config.faults = value()?.parse::<FaultPlan>().map_err(|e| e.to_string())?,
+            "--footage" => {
+                let path = value()?;
+                o.footage =
+                    Some(Footage::open(Path::new(&path)).map_err(|e| format!("--footage: {path}: {e}"))?);
+            }
+            "--deep-only" => {
+                o.config.deep_only = true;
+                // BayerRG12p.
+                o.config.pixel_format = 0x010C_0059;
+            }
             "--wires" => o.wires = true,
             "--high-speed" => o.config.speed = LinkSpeed::High,
             "--left-enabled" => o.config.left_enabled = true,
@@ -51,7 +64,11 @@ fn run() -> Result<(), String> {
                 clock_ppm: 20.0 - 45.0 * index as f64,
                 ..o.config.clone()
             };
-            Camera::new(config, Box::new(PatternImages))
+            let images: Box<dyn ImageSource> = match &o.footage {
+                Some(footage) => footage.images(index as u32),
+                None => Box::new(PatternImages),
+            };
+            Camera::new(config, images)
         })
         .collect();
     let wires = if o.wires {

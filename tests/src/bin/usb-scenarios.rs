@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, env, error::Error, path::Path, process::ExitCod
 
 use netcord_capture::{
     FrameSource,
-    usb::{Camera, UsbOptions, UsbSource, discover},
+    usb::{Camera, FeatureAccess, UsbOptions, UsbSource, discover},
 };
 use netcord_common::{
     Clock, Counters, DomainName, MonotonicClock, Shutdown,
@@ -303,7 +303,7 @@ fn slow(rig: &Rig, _: &Options) -> Outcome {
 
 /// More frames in flight than the kernel allows memory for: said clearly, and the process does not end.
 fn limit(rig: &Rig, _: &Options) -> Outcome {
-    let checks = netcord_capture::usb::check_all(&[2_304_000; 2], 4);
+    let checks = netcord_capture::usb::check_all(Path::new("/sys"), &[2_304_000; 2], 4);
     let memory = checks.iter().find(|c| c.what == "usbfs memory").ok_or("no such check")?;
     ensure(memory.cure.is_some(), || format!("the check found nothing: {memory:?}"))?;
     let run = capture(rig, 7, 1500, |_, _| {})?;

@@ -10,7 +10,7 @@ use std::{
 
 use image::{Rgb, RgbImage};
 use netcord_capture::usb::{
-    Camera, UDEV_RULE, UDEV_RULE_PATH, UsbOptions, UsbSource, discover,
+    Camera, FeatureAccess, UDEV_RULE, UDEV_RULE_PATH, UsbOptions, UsbSource, discover,
     genapi::{Access, FeatureInfo, FeatureType},
 };
 use netcord_common::{

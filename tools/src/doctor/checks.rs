@@ -5,6 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use netcord_capture::usb::{CheckResult, check_all};
 use netcord_common::{bus::Topic, rig::Rig};
 use nix::sys::{
     resource::{Resource, getrlimit},
@@ -21,11 +22,11 @@ pub fn examine(root: &Path, rig: Option<&Rig>) -> Vec<Finding> {
         shared_memory(rig),
         priority(read("proc/sys/kernel/sched_rt_runtime_us")),
         governor(root),
-        usbfs(read("sys/module/usbcore/parameters/usbfs_memory_mb")),
         transparent_huge_pages(read("sys/kernel/mm/transparent_hugepage/enabled")),
         load(read("proc/loadavg")),
         wake_up(),
     ];
+    findings.extend(usb(root, rig));
     findings.sort_by_key(|f| std::cmp::Reverse(f.grade));
     findings
 }
@@ -102,25 +103,27 @@ fn governor(root: &Path) -> Finding {
     }
 }
 
-/// What usbfs must hold: transfers of two frames for each of two USB3 cameras, twice over.
-const USBFS_MB: u64 = 256;
+/// Frames in flight of each camera, as `netcord capture` has them.
+const DEPTH: usize = 4;
+/// Where no rig is given: two cameras of 1920 × 1200 px.
+const USUAL_FRAMES: [usize; 2] = [1920 * 1200; 2];
 
-fn usbfs(megabytes: Option<String>) -> Finding {
-    let what = "usbfs memory";
-    match megabytes.as_deref().map(str::parse::<u64>) {
-        None => Finding::good(what, "no USB here"),
-        Some(Ok(0)) => Finding::good(what, "unlimited"),
-        Some(Ok(mb)) if mb >= USBFS_MB => Finding::good(what, format!("{mb} MB")),
-        Some(found) => Finding::bad(
-            Grade::Risk,
-            what,
-            found.map_or_else(
-                |e| e.to_string(),
-                |mb| format!("{mb} MB: too little for the frames of USB3 cameras"),
-            ),
-            "echo 1000 > /sys/module/usbcore/parameters/usbfs_memory_mb, and usbcore.usbfs_memory_mb=1000 for the kernel",
-        ),
-    }
+/// What the driver finds of USB, permissions and cameras.
+fn usb(root: &Path, rig: Option<&Rig>) -> impl Iterator<Item = Finding> {
+    let frames = rig.map_or_else(
+        || USUAL_FRAMES.to_vec(),
+        |rig| rig.cameras.iter().map(|c| c.model.width as usize * c.model.height as usize).collect(),
+    );
+    check_all(&root.join("sys"), &frames, DEPTH).into_iter().map(|check| Finding {
+        grade: match check.result {
+            CheckResult::Good => Grade::Good,
+            CheckResult::Warning => Grade::Risk,
+            CheckResult::Bad => Grade::Broken,
+        },
+        what: check.what,
+        found: check.found,
+        cure: check.cure.unwrap_or_default(),
+    })
 }
 
 fn transparent_huge_pages(enabled: Option<String>) -> Finding {
@@ -199,11 +202,16 @@ mod tests {
         let usbfs = "sys/module/usbcore/parameters/usbfs_memory_mb";
         write(governor, "powersave\n");
         write(usbfs, "16\n");
+        write("sys/bus/usb/drivers_autoprobe", "1\n");
         write("sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never\n");
         let findings = examine(root.path(), None);
-        for what in ["processor frequency", "usbfs memory", "transparent huge pages"] {
+        for (what, grade) in [
+            ("processor frequency", Grade::Risk),
+            ("usbfs memory", Grade::Broken),
+            ("transparent huge pages", Grade::Risk),
+        ] {
             let finding = findings.iter().find(|f| f.what == what).expect("it is looked at");
-            assert_eq!(finding.grade, Grade::Risk, "{finding:?}");
+            assert_eq!(finding.grade, grade, "{finding:?}");
             assert!(!finding.cure.is_empty());
         }
         write(governor, "performance\n");

@@ -10,7 +10,7 @@ use super::{Shared, lock};
 use crate::{
     SourceControl, response,
     usb::{
-        CameraError,
+        CameraError, FeatureAccess,
         device::Camera,
         genapi::FeatureError,
         settings::{InForce, is_host_triggered, set_exposure, set_gain, set_rate, set_white_balance},

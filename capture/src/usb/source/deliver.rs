@@ -3,10 +3,10 @@ use std::sync::{Arc, Condvar, Mutex};
 use netcord_common::{
     Clock, MonotonicClock,
     bus::FrameSlot,
-    rig::{CameraIndex, TriggerRole},
+    rig::{CameraIndex, StampMeaning, TriggerRole, Wiring},
 };
 
-use super::{Shared, StampMeaning, counts, lock};
+use super::{Shared, counts, lock};
 use crate::{
     FrameSink, LossReason,
     usb::{
@@ -42,6 +42,8 @@ pub(super) struct StreamState {
     pub(super) gone: bool,
     /// CLOCK_MONOTONIC of the last frame, whole or not.
     pub(super) last_frame_ns: u64,
+    /// Since when a frame lacks nothing but its trailer.
+    pub(super) trailer_since_ns: Option<u64>,
 }
 
 /// Gives a camera's frames to the sink, with their instants and triggers. Runs on the event thread.
@@ -51,7 +53,7 @@ pub(super) struct Deliver<'a> {
     pub(super) camera: CameraIndex,
     pub(super) role: TriggerRole,
     pub(super) line_delay_ns: u64,
-    pub(super) stamp: StampMeaning,
+    pub(super) wiring: Wiring,
     pub(super) in_force: Arc<Mutex<InForce>>,
     pub(super) clock: Arc<Mutex<DeviceClock>>,
     pub(super) tick_ns: u64,
@@ -68,7 +70,9 @@ impl Deliver<'_> {
     }
 
     fn heard(&self) {
-        lock(&self.news.state).last_frame_ns = MonotonicClock.now().as_ns();
+        let mut state = lock(&self.news.state);
+        state.last_frame_ns = MonotonicClock.now().as_ns();
+        state.trailer_since_ns = None;
     }
 }
 
@@ -82,9 +86,9 @@ impl StreamHandler for Deliver<'_> {
         let stamp = frame.leader.timestamp.wrapping_mul(self.tick_ns);
         let half = in_force.exposure_ns / 2;
         // The device's instants: where its exposure began, and its middle.
-        let start = match self.stamp {
+        let start = match self.wiring.stamp {
             StampMeaning::ExposureStart => stamp.wrapping_add(self.line_delay_ns),
-            StampMeaning::ReadOut => stamp.wrapping_sub(in_force.exposure_ns),
+            StampMeaning::ExposureEnd => stamp.wrapping_sub(in_force.exposure_ns),
         };
         let mid = lock(&self.clock).host(start.wrapping_add(half));
         let Some(mid) = mid else {
@@ -97,7 +101,7 @@ impl StreamHandler for Deliver<'_> {
             match self.role {
                 TriggerRole::FreeRun => Some(matcher.free_running(self.camera.get(), mid.ns, block)),
                 TriggerRole::Software | TriggerRole::Hardware => {
-                    let impulse = mid.ns.saturating_sub(half + self.line_delay_ns);
+                    let impulse = mid.ns.saturating_sub(half + self.line_delay_ns + self.wiring.delay_ns);
                     matcher.triggered(self.camera.get(), impulse, block)
                 }
             }
@@ -158,6 +162,10 @@ impl StreamHandler for Deliver<'_> {
             self.report(settled + 1, counts::reason(loss));
             self.settled = Some(settled + 1);
         }
+    }
+
+    fn awaits_trailer(&mut self) {
+        lock(&self.news.state).trailer_since_ns = Some(MonotonicClock.now().as_ns());
     }
 
     fn stopped(&mut self, gone: bool) {

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     FrameSink,
     usb::{
-        CameraError,
+        CameraError, FeatureAccess,
         clock::DeviceClock,
         device::Camera,
         settings::{InForce, apply, is_host_triggered, set_rate},
@@ -62,6 +62,9 @@ const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// A camera that exposes by itself, or is triggered, is silent this long only when something is wrong.
 const SILENCE_INTERVALS: u64 = 20;
 const SILENCE_LEAST_NS: u64 = 500_000_000;
+/// A device sends its trailer right behind the payload; one that takes longer than this, and than a quarter
+/// of an interval, is lost.
+const TRAILER_NS: u64 = 3_000_000;
 
 type Live<'a> = Stream<Deliver<'a>>;
 
@@ -178,7 +181,7 @@ impl<'a> Keeper<'a> {
             camera: self.camera.index,
             role: self.camera.trigger,
             line_delay_ns: self.camera.line_delay_ns,
-            stamp: self.options.stamp,
+            wiring: self.camera.wiring,
             in_force: open.in_force.clone(),
             clock: clock.clone(),
             tick_ns: open.camera.abrm().tick_ns.max(1),
@@ -246,21 +249,26 @@ impl<'a> Keeper<'a> {
                 at = grid.origin_ns + (id - grid.first.min(id)) * interval;
             }
             let triggers = is_host_triggered(self.camera);
-            let housekeeping = now + 20_000_000;
+            let housekeeping = now + (interval / 4).clamp(2_000_000, 20_000_000);
             let until = if triggers { at.min(housekeeping) } else { housekeeping };
             let heard = self.wait(news, until);
             if heard.gone {
                 return Ok(Ended::Gone);
             }
-            if heard.stopped {
+            let now = MonotonicClock.now().as_ns();
+            let patience = TRAILER_NS.max(interval / 4);
+            let overdue = heard.trailer_since_ns.filter(|since| now.saturating_sub(*since) > patience);
+            let ended = overdue.is_some_and(|since| {
+                stream.end_without_trailer(|_| lock(&news.state).trailer_since_ns == Some(since))
+            });
+            if heard.stopped || ended {
                 state.counts.restarts.up();
                 tracing::warn!(camera = %count_name, "the stream is out of step: it is restarted");
                 stream.drain();
-                stream.with(|ring, _| ring.assembler().restarted());
+                stream.with(|ring, _| ring.assembler().restarted(1));
                 self.start(stream, plan, news)?;
                 continue;
             }
-            let now = MonotonicClock.now().as_ns();
             if triggers && now >= at {
                 sent = id;
                 match self.with_camera(|camera| Ok(camera.execute("TriggerSoftware")?)) {
@@ -284,7 +292,7 @@ impl<'a> Keeper<'a> {
                 state.counts.restarts.up();
                 tracing::warn!(camera = %count_name, "no frame for {} ms: the stream is restarted", limit / 1_000_000);
                 stream.with(|ring, handler| {
-                    ring.assembler().restarted();
+                    ring.assembler().restarted(0);
                     crate::usb::transfers::StreamHandler::lost(handler, FrameLoss::Restarted, 0);
                 });
                 self.start(stream, plan, news)?;

@@ -23,16 +23,6 @@ mod keeper;
 
 use counts::CameraCounts;
 
-/// Which instant of the exposure a camera stamps its frames with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum StampMeaning {
-    /// Its start, as most do.
-    #[default]
-    ExposureStart,
-    /// Its end, where the read-out begins.
-    ReadOut,
-}
-
 /// How the cameras are driven, beside what the rig file says.
 #[derive(Debug, Clone)]
 pub struct UsbOptions {
@@ -42,13 +32,11 @@ pub struct UsbOptions {
     pub event_cpus: Vec<usize>,
     /// SCHED_FIFO priority of the event thread.
     pub event_priority: Option<i32>,
-    /// What the cameras' stamps mean.
-    pub stamp: StampMeaning,
 }
 
 impl Default for UsbOptions {
     fn default() -> Self {
-        Self { depth: 4, event_cpus: Vec::new(), event_priority: None, stamp: StampMeaning::default() }
+        Self { depth: 4, event_cpus: Vec::new(), event_priority: None }
     }
 }
 

@@ -140,6 +140,9 @@ pub struct Assembler {
     received: usize,
     last_block: Option<u64>,
     restarted: bool,
+    /// Frames after `last_block` that are counted as lost already.
+    counted: u64,
+    awaits_trailer: bool,
 }
 
 impl Assembler {
@@ -152,12 +155,22 @@ impl Assembler {
             received: 0,
             last_block: None,
             restarted: false,
+            counted: 0,
+            awaits_trailer: false,
         }
     }
 
-    /// The stream was restarted: what the device counted meanwhile is lost by that.
-    pub const fn restarted(&mut self) {
+    /// The stream was restarted, after `counted` frames that have been reported lost: what else the
+    /// device counted meanwhile is lost by the restart.
+    pub const fn restarted(&mut self, counted: u64) {
         self.restarted = true;
+        self.counted += counted;
+        self.awaits_trailer = false;
+    }
+
+    /// Whether a frame's payload is there, and its trailer is to follow at once.
+    pub const fn awaits_trailer(&self) -> bool {
+        self.awaits_trailer
     }
 
     /// Which loss the skipped frames of the next step are.
@@ -190,6 +203,7 @@ impl Assembler {
                 if received < length && part + 1 < self.payload_parts {
                     return Step::OutOfStep(FrameLoss::ShortPayload);
                 }
+                self.awaits_trailer = part + 1 == self.payload_parts;
                 Step::Continue
             }
             Role::Trailer => self.trailer(bytes),
@@ -211,6 +225,7 @@ impl Assembler {
     }
 
     fn trailer(&mut self, bytes: &[u8]) -> Step {
+        self.awaits_trailer = false;
         let trailer = match parse_trailer(bytes) {
             Ok(trailer) => trailer,
             Err(StreamPacketError::OtherRole) => return Step::OutOfStep(FrameLoss::TrailerLost),
@@ -220,10 +235,11 @@ impl Assembler {
         let block = self.leader.map_or(trailer.block, |leader| leader.block);
         let skipped = match self.last_block {
             // A counter that went back began anew with the acquisition.
-            Some(last) if block > last => block - last - 1,
+            Some(last) if block > last => (block - last - 1).saturating_sub(self.counted),
             _ => 0,
         };
         self.last_block = Some(block);
+        self.counted = 0;
         self.leader = Err(FrameLoss::LeaderLost);
         match judged {
             Ok(frame) => Step::Frame(frame, skipped),
