@@ -1,5 +1,7 @@
 use std::collections::VecDeque;
 
+use netcord_common::rig::TriggerRole;
+
 /// Gives frames their trigger ids, by their instants and never by their number.
 ///
 /// Triggered cameras expose on the rig's grid of instants: the grid's step that precedes an exposure is
@@ -71,6 +73,14 @@ impl TriggerMatcher {
     pub const fn set_interval(&mut self, now_ns: u64, interval_ns: u64) {
         let (next, _) = self.grid.next(now_ns);
         self.grid = self.grid.changed(next, interval_ns);
+    }
+
+    /// The last trigger that is over at `now_ns` for cameras of `role`; 0 where there was none.
+    pub fn passed(&self, role: TriggerRole, now_ns: u64) -> u64 {
+        match role {
+            TriggerRole::Software | TriggerRole::Hardware => self.grid.next(now_ns).0.saturating_sub(2),
+            TriggerRole::FreeRun => self.recent.back().map_or(0, |(id, _)| *id),
+        }
     }
 
     /// Slips of a camera so far.

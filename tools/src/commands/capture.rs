@@ -29,8 +29,16 @@ pub struct Args {
     source: SourceKind,
 
     /// Frames in flight of each camera on USB, 1 to 7.
-    #[arg(long, value_name = "N", default_value_t = 4)]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=7))]
     depth: usize,
+
+    /// Processors of the thread that handles USB events, apart from the others of this process; may be repeated.
+    #[arg(long, value_name = "CPU")]
+    event_cpu: Vec<usize>,
+
+    /// SCHED_FIFO priority of that thread, 1 to 99.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=99))]
+    event_priority: Option<i32>,
 
     /// The recording to be replayed, with --source replay: MCAP with foxglove.RawImage on /camera/<name>/image.
     #[arg(long, value_name = "IN.mcap", required_if_eq("source", "replay"))]
@@ -148,7 +156,11 @@ fn source(
     counters: &Arc<Counters>,
 ) -> Result<Box<dyn FrameSource>, Box<dyn std::error::Error>> {
     if args.source == SourceKind::Usb {
-        let options = UsbOptions { depth: args.depth, ..UsbOptions::default() };
+        let options = UsbOptions {
+            depth: args.depth,
+            event_cpus: args.event_cpu.clone(),
+            event_priority: args.event_priority,
+        };
         return Ok(Box::new(UsbSource::new(rig, options, counters)?));
     }
     if let (SourceKind::Replay, Some(recording)) = (args.source, &args.recording) {

@@ -1,4 +1,5 @@
 use std::{
+    cell::Cell,
     sync::{Arc, Mutex, atomic::Ordering},
     time::Duration,
 };
@@ -15,7 +16,7 @@ use super::{
     lock,
 };
 use crate::{
-    FrameSink,
+    FrameSink, LossReason,
     usb::{
         CameraError, FeatureAccess,
         clock::DeviceClock,
@@ -42,6 +43,8 @@ pub(super) struct Keeper<'a> {
     pub(super) sink: &'a FrameSink,
     pub(super) stop: &'a Shutdown,
     pub(super) slot_bytes: usize,
+    /// Triggers up to this one have been delivered or reported lost.
+    pub(super) settled: Cell<Option<u64>>,
 }
 
 /// How a streaming session ended.
@@ -74,6 +77,8 @@ impl<'a> Keeper<'a> {
         let mut complained = String::new();
         while !self.stop.is_requested() {
             if !self.shared.running.load(Ordering::Relaxed) {
+                // What nobody wants is not lost.
+                self.settled.set(None);
                 std::thread::sleep(Duration::from_millis(20));
                 continue;
             }
@@ -94,12 +99,27 @@ impl<'a> Keeper<'a> {
                     std::thread::sleep(RETRY);
                 }
             }
+            if lock(&state.device).is_none() {
+                self.report_missed();
+            }
         }
         if let Some(open) = lock(&state.device).as_mut() {
             // Best effort on the way out; the next to open it does the same first.
             let _ = open.camera.quiet();
         }
         *lock(&state.device) = None;
+    }
+
+    /// Reports the triggers that have passed while the camera was not there.
+    fn report_missed(&self) {
+        let Some(settled) = self.settled.get() else { return };
+        let passed = lock(&self.shared.matcher).passed(self.camera.trigger, MonotonicClock.now().as_ns());
+        for id in settled + 1..=passed {
+            if let Err(e) = self.sink.lost(self.camera.index, id, LossReason::Disconnected) {
+                tracing::warn!(camera = %self.camera.name, "{e}");
+            }
+        }
+        self.settled.set(Some(settled.max(passed)));
     }
 
     /// From opening the camera, or from setting its stream up anew, to the end of the stream.
@@ -123,6 +143,7 @@ impl<'a> Keeper<'a> {
                 exposure_us = in_force.exposure_ns as f64 / 1e3, gain_db = in_force.gain_db, "camera opened"
             );
             state.counts.opened.up();
+            self.report_missed();
             *device = Some(OpenCamera { camera, in_force: Arc::new(Mutex::new(in_force)) });
         }
         let Some(open) = device.as_mut() else { return Ok(Ended::Restart) };
@@ -144,6 +165,7 @@ impl<'a> Keeper<'a> {
         drop(device);
         lock(&self.shared.matcher).forget(self.camera.index.get());
         let ended = self.stream_until_it_ends(&stream, &plan, &clock, &news);
+        self.settled.set(stream.with(|_, handler| handler.settled));
         if !stream.drain() {
             tracing::error!(camera = %self.camera.name, "transfers do not come back");
         }
@@ -186,7 +208,7 @@ impl<'a> Keeper<'a> {
             clock: clock.clone(),
             tick_ns: open.camera.abrm().tick_ns.max(1),
             news: news.clone(),
-            settled: None,
+            settled: self.settled.get(),
         };
         let (handle, endpoint) = open.camera.raw();
         Stream::new(handle, endpoint, ring, deliver).map_err(|e| failed(&e))

@@ -1,4 +1,5 @@
 use std::{
+    cell::Cell,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -140,6 +141,7 @@ impl FrameSource for UsbSource {
                         sink,
                         stop,
                         slot_bytes: self.slot_bytes(camera.index),
+                        settled: Cell::new(None),
                     };
                     scope.spawn(move || keeper.keep())
                 })
