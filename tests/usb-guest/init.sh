@@ -56,7 +56,9 @@ row() {
     title=$1
     wanted=$2
     shift 2
-    if timeout 60 "$@" > /tmp/row 2>&1 && grep -Eq "$wanted" /tmp/row; then
+    # timeout cannot run functions of this shell: they use it themselves.
+    case $1 in fails | aravis_streams) ;; *) set -- timeout 60 "$@" ;; esac
+    if "$@" > /tmp/row 2>&1 && grep -Eq "$wanted" /tmp/row; then
         report "ok $title: $(grep -E "$wanted" /tmp/row | head -1 | cut -c1-150)"
     else
         report "FAILED $title: wanted $wanted, got: $(tail -5 /tmp/row | tr '\n' ' ' | cut -c1-400)"

@@ -323,6 +323,7 @@ impl Source<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rig::{StampMeaning, TriggerEdge};
     use crate::{geometry::Point, rig::BallColour};
 
     const RIG: &str = r#"
@@ -372,6 +373,25 @@ pose = { rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1], translation_m = [-1, 0, 0] }
         let in_right = &rig.cameras[1].camera_from_world * on_table;
         assert!(in_right.distance(&Point::new(-0.5, -0.25, 2.0)) < 1e-12);
         assert_eq!(rig.processes.len(), 4);
+    }
+
+    #[test]
+    fn wiring_and_the_devices_name_of_a_mosaic_are_read_and_checked() {
+        let usual = Rig::parse(RIG, Path::new("lab.toml")).expect("valid");
+        assert_eq!((usual.cameras[0].wiring, usual.cameras[0].device_format), (Wiring::default(), None));
+        let keys = "exposure_us = 1000\ntrigger_edge = \"falling\"\ntrigger_delay_us = 12.5\n\
+                    stamp = \"exposure-end\"\ndevice_format = \"BayerGB8\"\n";
+        let wired = RIG.replacen("exposure_us = 1000\n", keys, 1);
+        let camera = Rig::parse(&wired, Path::new("lab.toml")).expect("valid").cameras[0].clone();
+        let wiring =
+            Wiring { edge: TriggerEdge::Falling, delay_ns: 12_500, stamp: StampMeaning::ExposureEnd };
+        assert_eq!((camera.wiring, camera.device_format), (wiring, Some(PixelFormat::BayerGB8)));
+        let e = error_of(&wired.replace("\"falling\"", "\"sideways\""));
+        assert!(e.contains("sideways") && e.contains("falling"), "{e}");
+        let e = error_of(&wired.replace("12.5", "-1"));
+        assert!(e.contains("trigger_delay_us is -1"), "{e}");
+        let e = error_of(&wired.replace("BayerGB8", "BayerGB12p"));
+        assert!(e.contains("BayerGB12p") && e.contains("BayerGB8"), "{e}");
     }
 
     #[test]

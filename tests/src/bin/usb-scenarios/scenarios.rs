@@ -68,6 +68,8 @@ pub(crate) fn clean(rig: &Rig, o: &Options) -> Outcome {
         }
     }
     let limit = o.number("skew-us", 5_000);
+    let frames = run.cameras.iter().map(|c| c.headers.len() as u64).min().unwrap_or(0);
+    ensure(frames >= o.number("frames", 1), || format!("only {frames} frames; {detail}"))?;
     ensure(skew / 1000 <= limit, || format!("skew {} µs; {detail}", skew / 1000))?;
     Ok(format!("{detail}, largest skew {} µs", skew / 1000))
 }
