@@ -29,7 +29,7 @@ fn run(words: &[String]) -> Result<(), Box<dyn Error>> {
     };
     let rig = Rig::load(Path::new(rig))?;
     let frames: u32 = frames.parse()?;
-    let options = SceneOptions { preset: Preset::Clean, seed: 3, flights: None, exposure_ns: None };
+    let options = SceneOptions { preset: Preset::Clean, seed: 3, ..SceneOptions::default() };
     let scene = Arc::new(Scene::new(&rig, &options)?);
     let model = &rig.cameras.first().ok_or("the rig has no camera")?.model;
     let cameras = u32::try_from(rig.cameras.len())?;
