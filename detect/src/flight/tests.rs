@@ -142,6 +142,68 @@ fn the_path_over_a_bounce_the_landing_and_the_crossing_are_those_of_the_simulati
     assert!(errors[10] < 0.02, "median error 0.3 s ahead {} m", errors[10]);
 }
 
+/// A stroke as amateurs play it (see `prior`), and when it crosses `plane_y`, after one bounce on the far side.
+fn random_stroke(rng: &mut Pcg64, plane_y: f64) -> (Ball, f64, Vector3<f64>) {
+    loop {
+        let mut normal = |sigma: f64| ((0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0) * sigma;
+        let (speed, rise) = (6.0 + normal(1.0), 1.2 + normal(0.6));
+        let topspin = -54.0 + 16.4 * speed + normal(32.0);
+        let start = Ball {
+            p: [normal(0.2), -1.4, 0.3 + normal(0.05)].into(),
+            v: [normal(0.4), speed, rise].into(),
+            w: [-topspin, normal(26.0), normal(26.0)].into(),
+        };
+        let (mut ball, mut t, mut clears, mut bounces) = (start, 0.0, true, 0);
+        while ball.p.y < plane_y && t < 1.2 && ball.p.z > 0.0 {
+            let (side, sinking) = (ball.p.y < 0.0, ball.v.z < 0.0);
+            ball.tick();
+            t += TICK_S;
+            clears &= !(side && ball.p.y >= 0.0) || ball.p.z > 0.2;
+            bounces += u32::from(sinking && ball.v.z > 0.0);
+            clears &= ball.v.z <= 0.0 || !sinking || ball.p.y > 0.1;
+        }
+        if clears && bounces == 1 && ball.p.y >= plane_y && t > 0.42 {
+            return (start, t, ball.p);
+        }
+    }
+}
+
+#[test]
+fn the_hitting_point_of_simulated_strokes_is_foreseen_and_its_confidence_not_overstated() {
+    const PLANE_Y: f64 = 1.5;
+    let mut rng = Pcg64::seed_from_u64(11);
+    let (mut errors, mut bets) = (Vec::new(), Vec::new());
+    for _ in 0..150 {
+        let (start, crosses_s, place) = random_stroke(&mut rng, PLANE_Y);
+        let mut predictor = Predictor::new(&rig(), PredictOptions { hitting_plane_y_m: Some(PLANE_Y) });
+        let mut ball = start;
+        for k in 0..((crosses_s - 0.05) / 0.01) as u64 {
+            let trajectory = predictor.update(&message(k, &ball.p, &mut rng));
+            let (seen_s, ahead_s) = (k as f64 * 0.01, crosses_s - k as f64 * 0.01);
+            if seen_s > 0.095 {
+                let crossing = &trajectory.crossing;
+                let error =
+                    if crossing.t_ns == 0 { f64::INFINITY } else { distance(&crossing.position_m, &place) };
+                bets.push((crossing.confidence, error < 0.04));
+                if (ahead_s - 0.3).abs() < 0.005 {
+                    errors.push(error);
+                }
+            }
+            ball.run(0.01);
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    let median = errors[errors.len() / 2];
+    assert!(errors.len() > 100 && median < 0.02, "median {median} m of {}", errors.len());
+    bets.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Real flights differ more from the model than these do, and confidence is fitted to them.
+    for bin in bets.chunks(400).filter(|bin| bin.len() == 400) {
+        let said = bin.iter().map(|b| b.0).sum::<f64>() / 400.0;
+        let held = bin.iter().filter(|b| b.1).count() as f64 / 400.0;
+        assert!(said < held + 0.05, "{said} was said, {held} held");
+    }
+}
+
 #[test]
 fn windows_hold_the_ball_whenever_they_are_present() {
     let rig = rig();

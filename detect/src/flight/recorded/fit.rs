@@ -14,12 +14,19 @@ use crate::flight::{
 };
 
 /// How many constants are fitted.
-pub const FITTED: usize = 5;
+pub const FITTED: usize = 7;
 /// Their names, as in the rig file.
-pub const FITTED_NAMES: [&str; FITTED] =
-    ["drag", "magnus", "restitution", "restitution_slope_s_m", "friction"];
+pub const FITTED_NAMES: [&str; FITTED] = [
+    "drag",
+    "drag_induced",
+    "magnus",
+    "magnus_saturation",
+    "restitution",
+    "restitution_slope_s_m",
+    "friction",
+];
 /// Steps of the numeric derivatives.
-const STEPS: [f64; FITTED] = [0.01, 0.02, 0.005, 0.002, 0.01];
+const STEPS: [f64; FITTED] = [0.01, 0.2, 0.02, 0.2, 0.005, 0.002, 0.01];
 /// Most Newton steps.
 const ITERATIONS: usize = 6;
 /// Constants are fitted, so the filter may not learn others.
@@ -51,17 +58,32 @@ pub struct Fit {
 
 type Vector = SVector<f64, FITTED>;
 
+/// The fitted ones of all constants, as [`FITTED_NAMES`].
+pub fn fitted_values(c: &FlightConstants) -> [f64; FITTED] {
+    [
+        c.drag,
+        c.drag_induced,
+        c.magnus,
+        c.magnus_saturation,
+        c.restitution,
+        c.restitution_slope_s_m,
+        c.friction,
+    ]
+}
+
 fn vector(c: &FlightConstants) -> Vector {
-    Vector::from([c.drag, c.magnus, c.restitution, c.restitution_slope_s_m, c.friction])
+    Vector::from(fitted_values(c))
 }
 
 fn constants(v: &Vector, start: &FlightConstants) -> FlightConstants {
     FlightConstants {
         drag: v[0].clamp(0.05, 2.0),
-        magnus: v[1].clamp(0.0, 2.0),
-        restitution: v[2].clamp(0.3, 1.2),
-        restitution_slope_s_m: v[3].clamp(0.0, 0.1),
-        friction: v[4].clamp(0.01, 1.0),
+        drag_induced: v[1].clamp(0.0, 10.0),
+        magnus: v[2].clamp(0.0, 2.0),
+        magnus_saturation: v[3].clamp(0.0, 20.0),
+        restitution: v[4].clamp(0.3, 1.0),
+        restitution_slope_s_m: v[5].clamp(0.0, 0.1),
+        friction: v[6].clamp(0.01, 1.0),
         ..*start
     }
 }
@@ -131,21 +153,24 @@ pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants) -> Option<Fit> {
     for _ in 0..ITERATIONS {
         let (gradient, (h, o)) = derivatives(&at, &best, &best_costs);
         (hessian, outer) = (h, o);
-        // Far from the minimum the matrix may not be positive: its diagonal's size is.
-        let damped = hessian + SMatrix::from_diagonal(&hessian.diagonal().map(|d| 0.02 * d.abs() + 1e-9));
-        let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else { break };
-        let mut share = 1.0;
-        let better = loop {
-            let trial = best - step * share;
-            let trial_costs = at(&vector(&constants(&trial, start)));
-            if sum(&trial_costs) < sum(&best_costs) {
-                break Some((vector(&constants(&trial, start)), trial_costs));
+        // Newton's step; where the Hessian is not positive, or misleads, the step by the gradients' outer
+        // product, which always is (Berndt, Hall, Hall & Hausman 1974).
+        let steps = [hessian, outer].map(|matrix| {
+            let damped = matrix + SMatrix::from_diagonal(&matrix.diagonal().map(|d| 0.02 * d.abs() + 1e-9));
+            damped.cholesky().map(|c| c.solve(&gradient))
+        });
+        let better = steps.into_iter().flatten().find_map(|step| {
+            let mut share = 1.0;
+            while share > 0.02 {
+                let trial = vector(&constants(&(best - step * share), start));
+                let trial_costs = at(&trial);
+                if sum(&trial_costs) < sum(&best_costs) {
+                    return Some((trial, trial_costs));
+                }
+                share *= 0.4;
             }
-            share *= 0.4;
-            if share < 0.02 {
-                break None;
-            }
-        };
+            None
+        });
         let Some((next, next_costs)) = better else { break };
         let gain = sum(&best_costs) - sum(&next_costs);
         (best, best_costs) = (next, next_costs);

@@ -9,5 +9,5 @@ pub use evaluate::{
     Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, PredictionError, evaluate_set, find_noise,
     find_table,
 };
-pub use fit::{FITTED, FITTED_NAMES, Fit, FitSet, fit, is_held_out};
+pub use fit::{FITTED, FITTED_NAMES, Fit, FitSet, fit, fitted_values, is_held_out};
 pub use parse::{RecordedFrame, Recording, RecordingError, Sample, parse};
