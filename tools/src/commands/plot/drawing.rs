@@ -17,6 +17,9 @@ const NET_HEIGHT: f64 = 0.1525;
 /// Half the width of the net with its posts, m.
 const HALF_NET: f64 = 0.915;
 
+/// The table's surroundings that are shown at most, m from its centre.
+const FURTHEST: f64 = 3.0;
+
 const FOUND: RGBColor = RGBColor(230, 110, 20);
 const TRUE: RGBColor = RGBColor(90, 90, 90);
 const PREDICTED: RGBColor = RGBColor(20, 110, 220);
@@ -103,19 +106,29 @@ impl Drawing<'_> {
     fn view<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, view: View) -> Result<(), Failed<B>> {
         let found = self.content.positions.iter().map(|p| view.project(p.position_m)).collect::<Vec<_>>();
         let truth = self.content.truth.values().map(|p| view.project(*p)).collect::<Vec<_>>();
-        let all = || found.iter().chain(&truth).copied().chain(view.frame());
+        let paths = self.predictions.iter().map(|prediction| {
+            let start = std::iter::once((prediction.position_m, 1.0));
+            let path = start.chain(prediction.path().iter().map(|p| (p.position_m, p.confidence)));
+            path.map(|(p, sure)| (view.project(p), sure)).collect::<Vec<_>>()
+        });
+        let paths = paths.collect::<Vec<_>>();
+        let predicted = paths.iter().flatten().map(|(p, _)| *p);
+        let all = || found.iter().chain(&truth).copied().chain(predicted.clone()).chain(view.frame());
         let span = |pick: fn((f64, f64)) -> f64| {
             let values = || all().map(pick);
             let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
             // A wild outlier must not make the rest a dot.
-            (low.max(-4.0) - 0.05)..(high.min(4.0) + 0.05)
+            (low.max(-FURTHEST) - 0.05)..(high.min(FURTHEST) + 0.05)
         };
+        let (across, up) = (span(|p| p.0), span(|p| p.1));
+        // A line beyond the edge would be drawn along it.
+        let is_shown = |p: &(f64, f64)| across.contains(&p.0) && up.contains(&p.1);
         let mut chart = ChartBuilder::on(area)
             .caption(view.title(), (FONT, 20))
             .margin(12)
             .set_label_area_size(LabelAreaPosition::Left, 40)
             .set_label_area_size(LabelAreaPosition::Bottom, 28)
-            .build_cartesian_2d(span(|p| p.0), span(|p| p.1))?;
+            .build_cartesian_2d(across.clone(), up.clone())?;
         if !matches!(view, View::Perspective) {
             chart.configure_mesh().light_line_style(TRANSPARENT).label_style((FONT, 14)).draw()?;
         }
@@ -123,20 +136,23 @@ impl Drawing<'_> {
             let line = outline.iter().map(|p| view.project(*p));
             chart.draw_series(LineSeries::new(line, BLACK.mix(0.6).stroke_width(2)))?;
         }
-        chart.draw_series(truth.iter().map(|p| Circle::new(*p, 2, TRUE.mix(0.7).filled())))?;
-        chart.draw_series(found.iter().map(|p| Circle::new(*p, 2, FOUND.filled())))?;
-        for prediction in &self.predictions {
-            let start = std::iter::once((prediction.position_m, 1.0));
-            let path = start.chain(prediction.path().iter().map(|p| (p.position_m, p.confidence)));
-            let points = path.map(|(p, sure)| (view.project(p), sure)).collect::<Vec<_>>();
-            for pair in points.windows(2) {
+        let truth = truth.iter().filter(|p| is_shown(p));
+        chart.draw_series(truth.map(|p| Circle::new(*p, 2, TRUE.mix(0.7).filled())))?;
+        let found = found.iter().filter(|p| is_shown(p));
+        chart.draw_series(found.map(|p| Circle::new(*p, 2, FOUND.filled())))?;
+        for (prediction, path) in self.predictions.iter().zip(&paths) {
+            for pair in path.windows(2).filter(|pair| pair.iter().all(|(p, _)| is_shown(p))) {
                 let shade = PREDICTED.mix(0.15 + 0.85 * pair[1].1.clamp(0.0, 1.0)).stroke_width(3);
                 chart.draw_series(LineSeries::new([pair[0].0, pair[1].0], shade))?;
             }
+            chart.draw_series(
+                path.iter().take(1).map(|(p, _)| Circle::new(*p, 5, PREDICTED.stroke_width(2))),
+            )?;
             if prediction.landing.kind != LandingKind::None.code() {
                 let [x, y] = prediction.landing.position_m;
                 let at = view.project([x, y, 0.0]);
-                chart.draw_series(std::iter::once(Cross::new(at, 6, LANDING.stroke_width(2))))?;
+                let cross = is_shown(&at).then(|| Cross::new(at, 6, LANDING.stroke_width(2)));
+                chart.draw_series(cross)?;
             }
         }
         Ok(())

@@ -3,7 +3,9 @@
 use std::{fs, path::Path};
 
 use nalgebra::Vector3;
-use netcord_detect::flight::recorded::{EvaluateOptions, FITTED_NAMES, FitSet, find_noise, find_table, fit};
+use netcord_detect::flight::recorded::{
+    EvaluateOptions, FITTED_NAMES, FitSet, find_noise, find_table, fit, fitted_values,
+};
 use serde_json::{Map, Value, json};
 
 use super::files::Set;
@@ -27,14 +29,13 @@ pub fn run(
     let found = fit(&sets, &options.constants)
         .ok_or("all recordings are held out (one in three, by a hash of the name): give more of them")?;
     let c = &found.constants;
-    let values = [c.drag, c.magnus, c.restitution, c.restitution_slope_s_m, c.friction];
     println!("[flight]");
     let mut constants = Map::new();
-    for ((name, value), sigma) in FITTED_NAMES.iter().zip(values).zip(found.sigma) {
+    for ((name, value), sigma) in FITTED_NAMES.iter().zip(fitted_values(c)).zip(found.sigma) {
         println!("{name} = {value:.4} # ± {sigma:.4}");
         constants.insert((*name).into(), json!({ "value": value, "sigma": sigma }));
     }
-    println!("magnus_saturation = {:.4} # as it was", c.magnus_saturation);
+    println!("gravity_m_s2 = {:.4} # as it was", c.gravity_m_s2);
     let ((fitted, held), (before, after)) = (found.recordings, found.held_out);
     println!(
         "# fitted to {fitted} recordings; on the {held} held out, the negative log-likelihood of a position \

@@ -5,12 +5,15 @@ use plotters::{
     coord::Shift,
     prelude::{
         BLACK, BLUE, ChartBuilder, Circle, Color as _, DrawingArea, DrawingAreaErrorKind, DrawingBackend,
-        LineSeries, RED,
+        LineSeries, RED, TRANSPARENT,
     },
 };
 
 use super::evaluate::{confidence_bins, quantile};
 use crate::plot::{FONT, Painter};
+
+/// How far the share that holds may be from the confidence.
+const MARK: f64 = 0.05;
 
 /// Errors and confidence of one evaluation.
 pub struct ErrorPlot<'a>(pub &'a Evaluation);
@@ -36,9 +39,17 @@ impl Painter for ErrorPlot<'_> {
             .x_label_area_size(40)
             .y_label_area_size(50)
             .build_cartesian_2d(0.0..550.0, 0.0..top)?;
-        chart.configure_mesh().x_desc("ms ahead").y_desc("mm").label_style((FONT, 15)).draw()?;
-        chart.draw_series(LineSeries::new(median, BLUE.stroke_width(2)))?;
-        chart.draw_series(LineSeries::new(p90, RED.stroke_width(2)))?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .x_desc("ms ahead")
+            .y_desc("mm")
+            .label_style((FONT, 15))
+            .draw()?;
+        for (points, colour) in [(median, BLUE), (p90, RED)] {
+            chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
+            chart.draw_series(points.iter().map(|p| Circle::new(*p, 3, colour.filled())))?;
+        }
 
         let mut chart = ChartBuilder::on(&halves[1])
             .caption("hitting point within 40 mm", (FONT, 20))
@@ -48,11 +59,15 @@ impl Painter for ErrorPlot<'_> {
             .build_cartesian_2d(0.0..1.0, 0.0..1.0)?;
         chart
             .configure_mesh()
+            .light_line_style(TRANSPARENT)
             .x_desc("confidence")
             .y_desc("share that held")
             .label_style((FONT, 15))
             .draw()?;
-        chart.draw_series(LineSeries::new([(0.0, 0.0), (1.0, 1.0)], BLACK.mix(0.4)))?;
+        for off in [-MARK, 0.0, MARK] {
+            let ends = [(0.0, off), (1.0, 1.0 + off)];
+            chart.draw_series(LineSeries::new(ends, BLACK.mix(if off == 0.0 { 0.6 } else { 0.2 })))?;
+        }
         let bins = confidence_bins(&self.0.bets);
         chart.draw_series(bins.iter().map(|b| Circle::new((b.confidence, b.held), 4, BLUE.filled())))?;
         Ok(())

@@ -68,3 +68,56 @@ pub fn run(args: &Args) -> CommandResult {
         result.map_err(Box::<dyn std::error::Error>::from)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    const LAYOUT: &str = include_str!("../../../foxglove/netcord.json");
+
+    /// All texts of a JSON value, keys included.
+    fn texts(value: &Value, into: &mut Vec<String>) {
+        match value {
+            Value::String(text) => into.push(text.clone()),
+            Value::Array(items) => items.iter().for_each(|item| texts(item, into)),
+            Value::Object(members) => members.iter().for_each(|(key, member)| {
+                into.push(key.clone());
+                texts(member, into);
+            }),
+            _ => {}
+        }
+    }
+
+    /// The panels that a layout's tree shows.
+    fn panels(node: &Value, into: &mut Vec<String>) {
+        match node {
+            Value::String(panel) => into.push(panel.clone()),
+            _ => ["first", "second"].iter().for_each(|side| panels(&node[*side], into)),
+        }
+    }
+
+    #[test]
+    fn the_layout_shows_what_is_served() {
+        let layout: Value = serde_json::from_str(LAYOUT).expect("JSON");
+        let mut shown = Vec::new();
+        panels(&layout["layout"], &mut shown);
+        shown.sort();
+        let mut configured: Vec<_> =
+            layout["configById"].as_object().expect("panels").keys().cloned().collect();
+        configured.sort();
+        assert_eq!(shown, configured, "each panel is configured and shown");
+
+        let mut all = Vec::new();
+        texts(&layout, &mut all);
+        // The cameras of the example rig of two.
+        let camera = |topic: &str| {
+            let (name, kind) = topic.strip_prefix("/camera/")?.split_once('/')?;
+            Some(["left", "right"].contains(&name) && ["image", "calibration", "annotations"].contains(&kind))
+        };
+        for topic in all.iter().filter(|text| text.starts_with('/')) {
+            let is_served =
+                topic == "/scene" || topic.starts_with("/statistics.") || camera(topic) == Some(true);
+            assert!(is_served, "{topic} is not served");
+        }
+    }
+}
