@@ -96,7 +96,7 @@ for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
     cp "$found" "$fs/mod/$(basename "$module").ko"
 done
 cp "$here/usb-guest/init.sh" "$fs/init"
-"$out/usb-footage" "$here/usb-guest/film.toml" 50 "$fs/etc/film" "$fs/etc/truth.csv" || fail "the footage"
+"$out/usb-footage" "$here/usb-guest/film.toml" 64 "$fs/etc/film" "$fs/etc/truth.csv" || fail "the footage"
 cp "$here"/usb-guest/*.toml "$here/usb-guest/rows.sh" "$fs/etc/"
 printf '%s' "${ROWS:-}" > "$fs/etc/rows-wanted"
 chmod +x "$fs/init"

@@ -93,7 +93,7 @@ section_commands() {
 
 section_pipeline() {
     plug 2 --wires --footage /etc/film
-    scenario pipeline /etc/film.toml --truth /etc/truth.csv --frames 50
+    scenario pipeline /etc/film.toml --truth /etc/truth.csv --frames 64
     unplug
 }
 

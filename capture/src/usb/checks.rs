@@ -2,9 +2,7 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use rusb::Context;
-
-use super::discovery::{FoundCamera, discover};
+use super::discovery::{FoundCamera, discover, usb_context};
 
 /// Where the rule belongs.
 pub const UDEV_RULE_PATH: &str = "/etc/udev/rules.d/70-netcord-usb3vision.rules";
@@ -49,7 +47,7 @@ pub fn check_all(sys: &Path, frame_bytes: &[usize], depth: usize) -> Vec<Check> 
         return vec![Check::good("USB", "none on this machine".to_owned())];
     }
     let mut checks = vec![usbfs_memory(frame_bytes, depth, sys)];
-    match Context::new().map_err(|e| e.to_string()).and_then(|c| discover(&c).map_err(|e| e.to_string())) {
+    match usb_context().and_then(|context| discover(&context)) {
         Ok(found) => {
             checks.push(permissions(&found.cameras));
             checks.push(speeds(&found.cameras));
@@ -67,7 +65,7 @@ pub fn check_all(sys: &Path, frame_bytes: &[usize], depth: usize) -> Vec<Check> 
         Err(e) => checks.push(Check {
             what: "USB",
             result: CheckResult::Bad,
-            found: e,
+            found: e.to_string(),
             cure: Some("let this process see /dev/bus/usb".to_owned()),
         }),
     }

@@ -1,4 +1,4 @@
-use std::{fmt, time::Duration};
+use std::{fmt, path::Path, time::Duration};
 
 use rusb::{Context, Device, Direction, Speed, TransferType, UsbContext};
 use serde::Serialize;
@@ -69,8 +69,22 @@ pub struct Discovery {
 
 /// USB could not be looked at.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("the USB devices of this machine cannot be listed: {0}; is usbfs mounted at /dev/bus/usb?")]
+#[error("the USB devices of this machine cannot be listed: {0}")]
 pub struct DiscoveryError(String);
+
+/// Begins to use USB.
+///
+/// # Errors
+/// [`DiscoveryError`] where the machine has none, or hides it from this process.
+pub fn usb_context() -> Result<Context, DiscoveryError> {
+    Context::new().map_err(|e| {
+        DiscoveryError(if Path::new("/dev/bus/usb").exists() {
+            e.to_string()
+        } else {
+            "this machine has no USB, or hides it from this process: there is no /dev/bus/usb".to_owned()
+        })
+    })
+}
 
 /// Makers of industrial cameras by their USB vendor ids (usb.ids, udev rules of aravis).
 pub const VENDORS: [(u16, &str); 14] = [

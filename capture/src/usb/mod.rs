@@ -29,7 +29,8 @@ pub use checks::{Check, CheckResult, UDEV_RULE, UDEV_RULE_PATH, check_all};
 pub use clock::{ClockReading, DeviceClock, HostInstant};
 pub use device::{Camera, CameraError, UsbPipe};
 pub use discovery::{
-    DeviceInfo, Discovery, DiscoveryError, Endpoints, FoundCamera, NotVision, VENDORS, discover, endpoints_of,
+    DeviceInfo, Discovery, DiscoveryError, Endpoints, FoundCamera, NotVision, VENDORS, discover,
+    endpoints_of, usb_context,
 };
 pub use matching::{Grid, Matched, TriggerMatcher};
 pub use settings::{InForce, apply, is_host_triggered, set_exposure, set_gain, set_rate, set_white_balance};

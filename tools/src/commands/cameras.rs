@@ -12,6 +12,7 @@ use image::{Rgb, RgbImage};
 use netcord_capture::usb::{
     Camera, FeatureAccess, UDEV_RULE, UDEV_RULE_PATH, UsbOptions, UsbSource, discover,
     genapi::{Access, FeatureInfo, FeatureType},
+    usb_context,
 };
 use netcord_common::{
     CameraName, Channel, Counters, DomainName, FrameView, PixelFormat, Shutdown,
@@ -106,7 +107,7 @@ struct Which {
 
 impl Which {
     fn open(&self) -> Result<Camera, Box<dyn Error>> {
-        Ok(Camera::open(&rusb::Context::new()?, &self.serial)?)
+        Ok(Camera::open(&usb_context()?, &self.serial)?)
     }
 }
 
@@ -141,7 +142,7 @@ pub fn run(args: &Args) -> CommandResult {
 }
 
 fn list(json: bool) -> CommandResult {
-    let found = discover(&rusb::Context::new()?)?;
+    let found = discover(&usb_context()?)?;
     if json {
         println!("{}", serde_json::to_string_pretty(&found)?);
         return Ok(Outcome::Good);

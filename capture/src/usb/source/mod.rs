@@ -14,7 +14,10 @@ use netcord_common::{
 };
 use rusb::{Context, UsbContext as _};
 
-use super::matching::{Grid, TriggerMatcher};
+use super::{
+    discovery::usb_context,
+    matching::{Grid, TriggerMatcher},
+};
 use crate::{FrameSink, FrameSource, SourceControl, SourceError};
 
 mod control;
@@ -86,7 +89,7 @@ impl UsbSource {
     /// # Errors
     /// [`SourceError`] when libusb does not start, or the rig names a camera without serial number.
     pub fn new(rig: &Rig, options: UsbOptions, counters: &Arc<Counters>) -> Result<Self, SourceError> {
-        let context = Context::new().map_err(SourceError::failed)?;
+        let context = usb_context().map_err(SourceError::failed)?;
         if let Some(camera) = rig.cameras.iter().find(|c| c.serial.is_empty() && rig.cameras.len() > 1) {
             return Err(SourceError::Failed {
                 what: format!("camera {} has no serial number in the rig file: give it one", camera.name),
