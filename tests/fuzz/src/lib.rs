@@ -3,6 +3,7 @@
 
 extern crate self as netcord_common;
 
+#[allow(dead_code)]
 #[path = "../../../common/src/time.rs"]
 mod time;
 

@@ -66,8 +66,8 @@ const CLOCK_EVERY: Duration = Duration::from_millis(500);
 const SILENCE_INTERVALS: u64 = 20;
 const SILENCE_LEAST_NS: u64 = 500_000_000;
 /// A device sends its trailer right behind the payload; one that takes longer than this, and than a quarter
-/// of an interval, is lost.
-const TRAILER_NS: u64 = 3_000_000;
+/// of an interval, is lost. Much shorter, and an event thread that waits for a processor would look like it.
+const TRAILER_NS: u64 = 5_000_000;
 
 type Live<'a> = Stream<Deliver<'a>>;
 
