@@ -115,3 +115,39 @@ fn descriptions_and_their_zip_files_survive_mutation() {
     let zip = include_bytes!("gencp/testdata/python-deflate.zip").to_vec();
     each(50_000, &[zip], |bytes| drop(unzip_single(bytes)));
 }
+
+/// Registers that repeat some bytes without end, as the fuzzer's do; reads are counted.
+struct Repeated<'a>(&'a [u8], usize);
+
+impl Memory for Repeated<'_> {
+    fn read(&mut self, address: u64, out: &mut [u8]) -> Result<(), MemoryError> {
+        self.1 += out.len();
+        let from = (address % self.0.len().max(1) as u64) as usize;
+        out.iter_mut().zip(self.0.iter().cycle().skip(from)).for_each(|(to, byte)| *to = *byte);
+        Ok(())
+    }
+
+    fn write(&mut self, _: u64, _: &[u8]) -> Result<(), MemoryError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn inputs_that_the_fuzzer_found_stay_harmless() {
+    let found = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fuzz/found");
+    let mut inputs = 0;
+    for target in std::fs::read_dir(found).expect("the folder is kept") {
+        let target = target.expect("an entry").path();
+        for input in std::fs::read_dir(&target).expect("a folder for each target") {
+            let bytes = std::fs::read(input.expect("an entry").path()).expect("a file");
+            inputs += 1;
+            let _ = (parse_ack(&bytes), parse_event(&bytes), parse_leader(&bytes), parse_trailer(&bytes));
+            let _ = (unzip_single(&bytes), Formula::parse(&String::from_utf8_lossy(&bytes)));
+            let mut memory = Repeated(&bytes, 0);
+            let _ = read_description(&mut memory, 0);
+            assert!(memory.1 < 9 << 20, "{} bytes were read for {target:?}", memory.1);
+            let _ = GenApi::load(&String::from_utf8_lossy(&bytes));
+        }
+    }
+    assert!(inputs > 0);
+}

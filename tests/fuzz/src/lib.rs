@@ -20,11 +20,9 @@ pub struct Registers<'a>(pub &'a [u8]);
 
 impl Memory for Registers<'_> {
     fn read(&mut self, address: u64, out: &mut [u8]) -> Result<(), MemoryError> {
-        let length = self.0.len().max(1) as u64;
-        for (i, byte) in out.iter_mut().enumerate() {
-            let at = address.wrapping_add(i as u64) % length;
-            *byte = self.0.get(at as usize).copied().unwrap_or(0);
-        }
+        let from = (address % self.0.len().max(1) as u64) as usize;
+        let repeated = self.0.iter().cycle().skip(from);
+        out.iter_mut().zip(repeated).for_each(|(to, byte)| *to = *byte);
         Ok(())
     }
 

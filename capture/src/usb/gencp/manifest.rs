@@ -8,8 +8,9 @@ use crate::usb::bytes::{u32_at, u64_at};
 const ENTRY: usize = 64;
 /// Devices have one to three entries; more than this is not read.
 const MOST_ENTRIES: u64 = 32;
-/// Largest description file.
-const MOST_BYTES: u64 = 64 << 20;
+/// Largest description file: known ones have up to 4 MB unpacked. A kilobyte takes a round trip, so that a
+/// damaged size must not make the driver read for minutes.
+const MOST_BYTES: u64 = 8 << 20;
 
 /// A file that the device holds.
 #[derive(Debug, Clone, PartialEq, Eq)]
