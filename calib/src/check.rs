@@ -2,7 +2,7 @@
 //! stands in its file.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
-use netcord_common::geometry::{Board, Point, Transform, World};
+use netcord_common::geometry::{Board, Camera, Point, Transform, World};
 use serde::Serialize;
 
 use crate::{
@@ -252,16 +252,21 @@ pub fn epipolar_px(a: &TableCamera, b: &TableCamera, p: &Vector2<f64>, q: &Vecto
     (slope > 0.0).then(|| y.dot(&forth).abs() / slope * focal)
 }
 
-/// The point of least squared distance to the rays of two cameras or more, in the first camera's frame; `None`
-/// for fewer, or for parallel rays.
 fn triangulate<'a>(seen: impl Iterator<Item = (&'a TableCamera, Vector2<f64>)>) -> Option<Vector3<f64>> {
+    nearest_point(seen.filter_map(|(c, pixel)| Some((&c.camera_from_first, c.model.ray(&pixel)?))))
+}
+
+/// The point, in the frame that the poses start from, of least squared distance to the rays (unit directions in
+/// their cameras' frames) of two cameras or more; `None` for fewer, or for parallel rays.
+pub fn nearest_point<'a>(
+    rays: impl Iterator<Item = (&'a Transform<Camera, World>, Vector3<f64>)>,
+) -> Option<Vector3<f64>> {
     let (mut normal, mut rhs, mut count) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros(), 0);
-    for (camera, pixel) in seen {
-        let Some(ray) = camera.model.ray(&pixel) else { continue };
-        let along = camera.camera_from_first.rotation.inverse() * ray;
+    for (pose, ray) in rays {
+        let along = pose.rotation.inverse() * ray;
         let across = Matrix3::identity() - along * along.transpose();
         normal += across;
-        rhs += across * camera.camera_from_first.origin().coords;
+        rhs += across * pose.origin().coords;
         count += 1;
     }
     if count < 2 || normal.symmetric_eigenvalues().min() < 1e-4 {

@@ -82,6 +82,10 @@ fn motion(stretch: &[(f64, Vector3<f64>)]) -> Option<(Vector3<f64>, Vector3<f64>
         rhs += row * at.transpose();
     }
     let solved = normal.try_inverse()? * rhs;
+    // What lies still moves by rounding only.
+    if solved.row(1).norm() < 1e-6 * stretch[0].1.norm() {
+        return None;
+    }
     Some((solved.row(1).transpose() / span, solved.row(2).transpose() * (2.0 / (span * span))))
 }
 

@@ -5,7 +5,7 @@ use netcord_common::{
 };
 use thiserror::Error;
 
-use crate::solve::board_pose;
+use crate::{check::nearest_point, solve::board_pose};
 
 /// The table's frame: origin at the centre of the playing surface, x along its width, y along its length, z up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -255,17 +255,12 @@ fn aligned(cameras: &[TableCamera], sightings: &[TableSighting]) -> Option<Trans
         if sightings[..i].iter().any(|s| same(&s)) {
             continue;
         }
-        let (mut normal, mut rhs) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
-        for s in sightings.iter().filter(same) {
+        let rays = sightings.iter().filter(same).filter_map(|s| {
             let camera = &cameras[s.camera];
-            let Some(ray) = camera.model.ray(&s.pixel) else { continue };
-            let along = camera.camera_from_first.rotation.inverse() * ray;
-            let across = Matrix3::identity() - along * along.transpose();
-            normal += across;
-            rhs += across * camera.camera_from_first.origin().coords;
-        }
-        if normal.symmetric_eigenvalues().min() > 1e-3 {
-            pairs.push((first.on_table, normal.try_inverse()? * rhs));
+            Some((&camera.camera_from_first, camera.model.ray(&s.pixel)?))
+        });
+        if let Some(at) = nearest_point(rays) {
+            pairs.push((first.on_table, at));
         }
     }
     if pairs.len() < 3 {

@@ -303,7 +303,9 @@ mod tests {
         let model = CameraModel::new((1920, 1200), (672.25, 673.5), (984.0, 602.125), lens).expect("valid");
         let note =
             CalibrationNote { date: "2026-11-22".into(), board: "9×6".into(), frames: 30, rms_px: 0.12 };
+        assert_eq!(edit.intrinsics("left"), None);
         edit.set_intrinsics(&name, &model, Some(&[0.5; 9]), Some(&note));
+        assert_eq!(edit.intrinsics("left"), Some(model));
         let turn = nalgebra::Rotation3::new(Vector3::new(2.0, 0.1, -0.3));
         edit.set_table(turn.matrix(), &Vector3::new(0.1, 0.2, 2.0), None, Some(&note));
         edit.save().expect("written");

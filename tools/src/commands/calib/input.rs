@@ -2,20 +2,18 @@
 
 use std::{error::Error, fs, path::PathBuf};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use netcord_calib::{
-    detect::Detector,
-    gather::{GatherOptions, Picture, gather, pictures},
+    gather::{GatherOptions, thin_out},
     solve::{CameraViews, read_corners, write_corners},
 };
 
-use super::board;
+use super::pictures;
 
 /// Where corners come from.
 #[derive(Debug, Clone, clap::Args)]
 pub struct InputArgs {
     /// Pictures or folders of pictures; for several cameras NAME=FOLDER each, files of one name being
-    /// simultaneous.
+    /// simultaneous; or one recording (.mcap).
     #[arg(value_name = "IMAGES", required_unless_present = "corners")]
     images: Vec<String>,
 
@@ -28,7 +26,7 @@ pub struct InputArgs {
     board: Option<String>,
 
     /// Keep a view only if the intersection over union of its board's outline with each view kept before
-    /// is at most this (one camera alone).
+    /// is at most this; of simultaneous views, with one camera's.
     #[arg(long, default_value_t = GatherOptions::default().max_iou, value_name = "0–1")]
     max_iou: f64,
 
@@ -41,7 +39,7 @@ pub struct InputArgs {
     save_corners: Option<PathBuf>,
 }
 
-/// Corners, and how many pictures gave none.
+/// Corners, and what they are of.
 pub struct Input {
     /// Per camera.
     pub cameras: Vec<CameraViews>,
@@ -50,8 +48,7 @@ pub struct Input {
 }
 
 impl InputArgs {
-    /// Reads or finds the corners. `simultaneous`: several cameras whose views belong together, so that no
-    /// view is left out for being alike.
+    /// Reads or finds the corners. `simultaneous`: of several cameras whose views belong together.
     pub fn load(&self, simultaneous: bool) -> Result<Input, Box<dyn Error>> {
         if let Some(path) = &self.corners {
             let text = fs::read_to_string(path)
@@ -59,50 +56,24 @@ impl InputArgs {
             return Ok(Input { cameras: read_corners(&text)?, board: "corners from a file".to_owned() });
         }
         let spec = self.board.as_deref().unwrap_or_default();
-        let detector = Detector::new(board::parse(spec)?);
-        let options = GatherOptions {
-            max_iou: if simultaneous { 1.0 } else { self.max_iou },
-            max_views: if simultaneous { usize::MAX } else { self.max_views },
-            allow_unanchored: !simultaneous,
-            ..GatherOptions::default()
+        let options =
+            GatherOptions { max_iou: self.max_iou, max_views: self.max_views, ..GatherOptions::default() };
+        let cameras = if simultaneous {
+            let all =
+                GatherOptions { max_iou: 1.0, max_views: usize::MAX, allow_unanchored: false, ..options };
+            let mut cameras = pictures::find(spec, &self.images, &all)?;
+            let left_out = thin_out(&mut cameras, &options);
+            if !left_out.is_empty() {
+                println!("{} more views are left out: they tell nothing new", left_out.len());
+            }
+            cameras
+        } else {
+            pictures::find(spec, &self.images, &options)?
         };
-        let mut cameras = Vec::new();
-        for (camera, pictures) in self.pictures_by_camera()? {
-            let style = ProgressStyle::with_template("{prefix} {bar:40} {pos}/{len}")?;
-            let bar = ProgressBar::new(pictures.len() as u64).with_style(style).with_prefix(camera.clone());
-            let gathered = gather(&camera, &pictures, &detector, &options, &|| bar.inc(1));
-            bar.finish_and_clear();
-            println!("{camera}: {} of {} pictures kept", gathered.views.views.len(), pictures.len());
-            for (name, reason) in &gathered.rejected {
-                println!("  {name}: {reason}");
-            }
-            if gathered.views.views.is_empty() {
-                return Err(
-                    format!("camera {camera}: none of its {} pictures is of use", pictures.len()).into()
-                );
-            }
-            cameras.push(gathered.views);
-        }
         if let Some(path) = &self.save_corners {
             fs::write(path, write_corners(&cameras))
                 .map_err(|e| format!("cannot write {}: {e}", path.display()))?;
         }
         Ok(Input { cameras, board: spec.to_owned() })
-    }
-
-    fn pictures_by_camera(&self) -> Result<Vec<(String, Vec<Picture>)>, Box<dyn Error>> {
-        let mut cameras: Vec<(String, Vec<Picture>)> = Vec::new();
-        for image in &self.images {
-            let (camera, path) = image.split_once('=').unwrap_or(("camera", image));
-            let found = pictures(path.as_ref()).map_err(|e| format!("cannot read {path}: {e}"))?;
-            if found.is_empty() {
-                return Err(format!("{path} holds no PNG or JPEG pictures").into());
-            }
-            match cameras.iter_mut().find(|(n, _)| n == camera) {
-                Some((_, known)) => known.extend(found),
-                None => cameras.push((camera.to_owned(), found)),
-            }
-        }
-        Ok(cameras)
     }
 }

@@ -1,11 +1,18 @@
 //! `netcord calib`: boards, calibration of cameras and rigs.
 
 mod board;
+mod check;
 mod input;
+mod motion;
 mod options;
+mod pictures;
+mod plots;
+mod rigged;
 mod save;
 mod session;
 mod solve;
+mod table;
+mod tracks;
 
 use clap::Subcommand;
 
@@ -30,6 +37,12 @@ enum Action {
     Rig(solve::RigArgs),
     /// Be led through a calibration in a browser.
     Session(session::Args),
+    /// Find the table before the cameras: by marks on it, a board that lies on it, or the ball's bounces.
+    Table(table::Args),
+    /// Check a calibrated rig by fresh pictures of a board, or a rod of known length.
+    Check(check::Args),
+    /// Calibrate the poses of cameras from points in motion: a wand, or the ball in flight.
+    Motion(motion::Args),
 }
 
 /// Runs `netcord calib`.
@@ -40,5 +53,8 @@ pub fn run(args: &Args) -> CommandResult {
         Action::Stereo(args) => solve::stereo(args),
         Action::Rig(args) => solve::rig(args),
         Action::Session(args) => session::run(args),
+        Action::Table(args) => table::run(args),
+        Action::Check(args) => check::run(args),
+        Action::Motion(args) => motion::run(args),
     }
 }

@@ -55,7 +55,7 @@ pub struct SolverArgs {
     #[arg(long, default_value = "squares")]
     pub loss: LossArg,
 
-    /// Write the report here, as JSON.
+    /// Write the report here, as JSON; a plot of each camera goes beside it.
     #[arg(long, value_name = "R.json")]
     pub report: Option<PathBuf>,
 }

@@ -16,7 +16,7 @@ use netcord_common::{
 };
 
 /// Today, ISO 8601, UTC (days to civil date after Howard Hinnant).
-fn today() -> String {
+pub fn today() -> String {
     let days =
         SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs() / 86_400) as i64 + 719_468;
     let era = days.div_euclid(146_097);

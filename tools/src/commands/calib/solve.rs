@@ -1,16 +1,23 @@
 //! `netcord calib mono|stereo|rig`.
 
-use std::{error::Error, fs, path::PathBuf};
+use std::{
+    error::Error,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use clap::ValueEnum;
+use nalgebra::Vector2;
 use netcord_calib::solve::{
     CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration, RigOptions,
     calibrate_mono, calibrate_rig, coverage, cross_validate,
 };
+use netcord_common::{camera::CameraModel, rig::RigEdit};
 
 use super::{
     input::{Input, InputArgs},
     options::SolverArgs,
+    plots::{self, CameraPlot},
     save,
 };
 use crate::exit::{CommandResult, Outcome};
@@ -36,6 +43,8 @@ pub enum Intrinsics {
     Fixed,
     /// They are refined together with the poses.
     Free,
+    /// They stay as the rig file (--rig) has them.
+    Rig,
 }
 
 /// Arguments of `netcord calib stereo` and `netcord calib rig`.
@@ -64,7 +73,11 @@ pub fn mono(args: &MonoArgs) -> CommandResult {
     for (c, coverage, validation) in &results {
         print_mono(c, *coverage, validation.as_ref());
     }
-    write(&report, &args.solver)?;
+    let plots = results.iter().zip(&cameras).map(|((c, ..), views)| {
+        let fits = c.views.iter().map(|v| (v.name.as_str(), v.residuals.as_slice()));
+        plot_of(views, fits, Some(c))
+    });
+    write(&report, &args.solver, plots)?;
     if let Some(rig) = &args.rig {
         save::intrinsics(rig, &board, results.iter().map(|(c, ..)| c))?;
     }
@@ -90,18 +103,81 @@ pub fn rig(args: &RigArgs) -> CommandResult {
 
 fn solve_rig(kind: &'static str, input: &Input, args: &RigArgs) -> CommandResult {
     let cameras = &input.cameras;
-    let results = calibrate_each(cameras, &args.solver)?;
-    let models: Vec<_> = results.iter().map(|(c, ..)| c.model).collect();
+    let results = match args.intrinsics {
+        Intrinsics::Rig => Vec::new(),
+        Intrinsics::Fixed | Intrinsics::Free => calibrate_each(cameras, &args.solver)?,
+    };
+    let models = match (args.intrinsics, &args.rig) {
+        (Intrinsics::Rig, Some(path)) => models_of(path, cameras)?,
+        (Intrinsics::Rig, None) => return Err("--intrinsics rig needs the rig file: --rig".into()),
+        _ => results.iter().map(|(c, ..)| c.model).collect(),
+    };
     let free = if args.intrinsics == Intrinsics::Free { args.solver.free() } else { [false; 9] };
     let rig = calibrate_rig(cameras, &models, &RigOptions { free, loss: args.solver.loss.0 })?;
-    let coverage: Vec<f64> = results.iter().map(|(_, c, _)| *c).collect();
+    let covered: Vec<f64> = cameras
+        .iter()
+        .map(|c| coverage(c.size, c.views.iter().flat_map(|v| v.image.iter().copied())))
+        .collect();
     print_rig(&rig);
-    write(&Report::of_rig(kind, &rig, &coverage), &args.solver)?;
+    let plots = cameras.iter().enumerate().map(|(i, views)| {
+        let fits = rig.views.iter().filter(move |v| v.camera == i);
+        plot_of(views, fits.map(|v| (v.view.as_str(), v.residuals.as_slice())), None)
+    });
+    write(&Report::of_rig(kind, &rig, &covered), &args.solver, plots)?;
     if let Some(path) = &args.rig {
-        save::intrinsics(path, &input.board, results.iter().map(|(c, ..)| c))?;
+        if !results.is_empty() {
+            save::intrinsics(path, &input.board, results.iter().map(|(c, ..)| c))?;
+        }
         save::rig(path, &input.board, &rig)?;
     }
     Ok(if rig.rejected.is_empty() { Outcome::Good } else { Outcome::Missed })
+}
+
+/// Intrinsics of the cameras as the rig file has them.
+fn models_of(path: &Path, cameras: &[CameraViews]) -> Result<Vec<CameraModel>, Box<dyn Error>> {
+    let edit = RigEdit::open(path)?;
+    cameras
+        .iter()
+        .map(|c| {
+            let model = edit.intrinsics(&c.name).ok_or_else(|| {
+                format!(
+                    "{} has no intrinsics of a camera {:?}: run `netcord calib mono` first",
+                    path.display(),
+                    c.name
+                )
+            })?;
+            if (model.width, model.height) != c.size {
+                return Err(format!(
+                    "camera {}: the pictures are {} × {} px, its intrinsics in {} are for {} × {}",
+                    c.name,
+                    c.size.0,
+                    c.size.1,
+                    path.display(),
+                    model.width,
+                    model.height
+                )
+                .into());
+            }
+            Ok(model)
+        })
+        .collect()
+}
+
+/// What a camera's plot shows; `fits` are the residuals of its views by name.
+fn plot_of<'a>(
+    camera: &CameraViews,
+    fits: impl Iterator<Item = (&'a str, &'a [Vector2<f64>])>,
+    mono: Option<&MonoCalibration>,
+) -> CameraPlot {
+    let (mut corners, mut views) = (Vec::new(), Vec::new());
+    for (name, residuals) in fits {
+        let Some(view) = camera.views.iter().find(|v| v.name == name) else { continue };
+        corners.extend(view.image.iter().copied().zip(residuals.iter().copied()));
+        let squares: f64 = residuals.iter().map(Vector2::norm_squared).sum();
+        views.push((name.to_owned(), (squares / residuals.len().max(1) as f64).sqrt()));
+    }
+    let uncertainty = mono.map_or_else(Vec::new, |c| c.uncertainty.grid(16, 10));
+    CameraPlot { name: camera.name.clone(), size: camera.size, corners, views, uncertainty }
 }
 
 type Calibrated = (MonoCalibration, f64, Option<CrossValidation>);
@@ -173,10 +249,18 @@ fn print_rig(rig: &RigCalibration) {
     }
 }
 
-fn write(report: &Report, solver: &SolverArgs) -> Result<(), Box<dyn Error>> {
+/// Writes the report, and the plots beside it.
+fn write(
+    report: &Report,
+    solver: &SolverArgs,
+    plots: impl Iterator<Item = CameraPlot>,
+) -> Result<(), Box<dyn Error>> {
     if let Some(path) = &solver.report {
         let text = serde_json::to_string_pretty(report)?;
         fs::write(path, text).map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        for file in plots::write(path, &plots.collect::<Vec<_>>())? {
+            println!("{}", file.display());
+        }
     }
     Ok(())
 }

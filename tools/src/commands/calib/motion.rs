@@ -1,0 +1,359 @@
+//! `netcord calib motion`: poses of cameras from points in motion.
+
+use std::{collections::BTreeMap, error::Error, fs, path::PathBuf};
+
+use nalgebra::{Vector2, Vector3};
+use netcord_calib::{
+    solve::{MotionCalibration, MovingPoints, calibrate_motion, scale_by_gravity},
+    table::mark,
+};
+use netcord_common::{
+    CameraName,
+    camera::CameraModel,
+    geometry::Point,
+    rig::{CalibrationNote, RigEdit},
+};
+use serde::Serialize;
+
+use super::{
+    save,
+    tracks::{Track, read_detections, read_track},
+};
+use crate::exit::{CommandResult, Outcome};
+
+/// Points in motion.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PointsArgs {
+    /// Points in motion: NAME=FILE.csv of one camera with rows t_ns;u1;v1;u2;v2;… (raw pixels, −1 where a marker is not
+    /// seen), or the CSV of `netcord process --detections` with all cameras.
+    #[arg(long = "track", value_name = "TRACK")]
+    pub tracks: Vec<String>,
+
+    /// The wand's two markers whose distance is known, counted from 1 [default: the first and the last].
+    #[arg(long, value_name = "I,J")]
+    ends: Option<String>,
+
+    /// Instants of two cameras that differ by no more than this are the same, in microseconds.
+    #[arg(long, value_name = "US", default_value_t = 1000)]
+    together_us: u64,
+}
+
+/// Points of all cameras at common instants.
+pub struct Joined {
+    /// Each camera's; the place is instant × markers + marker.
+    pub cameras: Vec<MovingPoints>,
+    /// Markers at an instant.
+    pub markers: usize,
+    /// Number of instants.
+    pub instants: usize,
+    /// The instants, ns.
+    pub times_ns: Vec<u64>,
+}
+
+impl PointsArgs {
+    /// Reads the tracks and joins them by their instants; `model` gives a camera's intrinsics.
+    pub fn load(
+        &self,
+        model: impl Fn(&str) -> Result<CameraModel, String>,
+    ) -> Result<Joined, Box<dyn Error>> {
+        let mut tracks: Vec<(String, Track)> = Vec::new();
+        for track in &self.tracks {
+            match track.split_once('=') {
+                Some((name, path)) => tracks.push((name.to_owned(), read_track(path.as_ref())?)),
+                None => tracks.extend(read_detections(track.as_ref())?),
+            }
+        }
+        let markers = tracks.iter().flat_map(|(_, t)| t.values()).map(Vec::len).max().unwrap_or(0);
+        if let Some((name, _)) = tracks.iter().find(|(_, t)| t.values().any(|p| p.len() != markers)) {
+            return Err(
+                format!("camera {name}: it has fewer markers than the others, which have {markers}").into()
+            );
+        }
+        // Instants that lie together become the earliest of them.
+        let mut all: Vec<u64> = tracks.iter().flat_map(|(_, t)| t.keys().copied()).collect();
+        all.sort_unstable();
+        let tolerance_ns = self.together_us * 1000;
+        let mut times_ns: Vec<u64> = Vec::new();
+        for t in all {
+            if times_ns.last().is_none_or(|last| t - last > tolerance_ns) {
+                times_ns.push(t);
+            }
+        }
+        let cameras = tracks
+            .into_iter()
+            .map(|(name, track)| {
+                let model = model(&name)?;
+                let mut pixels: Vec<Option<Vector2<f64>>> = vec![None; times_ns.len() * markers];
+                for (t, points) in track {
+                    let instant = times_ns.partition_point(|x| *x <= t).saturating_sub(1);
+                    pixels[instant * markers..(instant + 1) * markers].clone_from_slice(&points);
+                }
+                Ok(MovingPoints { name, model, pixels })
+            })
+            .collect::<Result<_, String>>()?;
+        Ok(Joined { cameras, markers, instants: times_ns.len(), times_ns })
+    }
+
+    /// The two markers of known distance, counted from 0.
+    pub fn ends(&self, markers: usize) -> Result<(usize, usize), String> {
+        let Some(text) = &self.ends else {
+            return if markers >= 2 {
+                Ok((0, markers - 1))
+            } else {
+                Err("a length needs two markers; these tracks have one point each".to_owned())
+            };
+        };
+        let parsed =
+            text.split_once(',').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+        parsed
+            .filter(|(a, b): &(usize, usize)| {
+                a != b && (1..=markers).contains(a) && (1..=markers).contains(b)
+            })
+            .map(|(a, b)| (a - 1, b - 1))
+            .ok_or_else(|| {
+                format!("--ends {text:?}: give two of the markers 1 to {markers}, such as 1,{markers}")
+            })
+    }
+}
+
+/// Places of the two ends at each instant.
+pub fn pairs(instants: usize, markers: usize, ends: (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+    (0..instants).map(move |i| (i * markers + ends.0, i * markers + ends.1))
+}
+
+/// Finds the poses of cameras from points in motion: a wand's markers, or the ball in flight. No board, and no common view
+/// of anything else is needed. Says which camera contradicts the others. The scale comes from the wand's length, from two
+/// marks of the table, or from gravity.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("scale").args(["length", "marks", "gravity"]))]
+pub struct Args {
+    /// The rig file: its intrinsics are used, and the poses are written into it.
+    rig: PathBuf,
+
+    #[command(flatten)]
+    points: PointsArgs,
+
+    /// Scale by the wand's length: the distance in metres of the markers that --ends names.
+    #[arg(long, value_name = "M")]
+    length: Option<f64>,
+
+    /// Scale by the table's size: CAMERA:MARK:U,V of marks as for `calib table`, each in two cameras.
+    #[arg(long = "mark", value_name = "MARK", allow_hyphen_values = true)]
+    marks: Vec<String>,
+
+    /// Scale by gravity: the points are a ball in flight.
+    #[arg(long)]
+    gravity: bool,
+
+    /// Write the report here, as JSON.
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
+
+    /// Only show the result: do not write it into the rig file.
+    #[arg(long)]
+    dry_run: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    /// `wand`, `table`, `gravity`, or `none`: then lengths are in units of the first baseline.
+    scale: &'static str,
+    /// Standard deviation of the scale as a share of it, where it is known.
+    scale_sigma: Option<f64>,
+    cameras: BTreeMap<String, CameraReport>,
+    inconsistent: BTreeMap<String, f64>,
+    points: usize,
+}
+
+#[derive(Serialize)]
+struct CameraReport {
+    rotation: [[f64; 3]; 3],
+    translation: [f64; 3],
+    median_px: f64,
+    rms_px: f64,
+    outliers: f64,
+}
+
+/// Runs `netcord calib motion`.
+pub fn run(args: &Args) -> CommandResult {
+    let mut edit = RigEdit::open(&args.rig)?;
+    let names = edit.camera_names();
+    if args.points.tracks.is_empty() {
+        return Err("no points in motion: give --track".into());
+    }
+    let joined = args.points.load(|name| {
+        edit.intrinsics(name).ok_or_else(|| {
+            format!(
+                "{} has no intrinsics of a camera {name:?}; its cameras are {}",
+                args.rig.display(),
+                names.join(", ")
+            )
+        })
+    })?;
+    let mut found = calibrate_motion(&joined.cameras)?;
+    let (scale, scale_sigma) = scale(args, &joined, &mut found)?;
+    for c in &found.cameras {
+        let t = c.camera_from_first.origin().coords;
+        println!(
+            "{:<12} median {:.3} px, RMS {:.3} px, {:.1} % outliers, at ({:+.4}, {:+.4}, {:+.4})",
+            c.name,
+            c.median_px,
+            c.rms_px,
+            100.0 * c.outliers,
+            t.x,
+            t.y,
+            t.z
+        );
+    }
+    for (name, off) in &found.inconsistent {
+        println!(
+            "{name} contradicts the others: {off:.2} px; its intrinsics, its clock or its markers are wrong"
+        );
+    }
+    match (scale, scale_sigma) {
+        ("none", _) => {
+            println!("lengths are in units of the first baseline: give --length, --mark or --gravity")
+        }
+        (by, Some(sigma)) => println!("scale by {by}: ± {:.2} %", 100.0 * sigma),
+        (by, None) => println!("scale by {by}"),
+    }
+    if let Some(path) = &args.report {
+        let report = report(scale, scale_sigma, &found);
+        fs::write(path, serde_json::to_string_pretty(&report)?)
+            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+    }
+    if !args.dry_run && scale != "none" {
+        write(&mut edit, &args.rig, scale, &joined, &found)?;
+    }
+    Ok(if found.inconsistent.is_empty() { Outcome::Good } else { Outcome::Missed })
+}
+
+/// Makes lengths metres; says by what, and how sure.
+fn scale(
+    args: &Args,
+    joined: &Joined,
+    found: &mut MotionCalibration,
+) -> Result<(&'static str, Option<f64>), Box<dyn Error>> {
+    if let Some(length) = args.length {
+        let ends = args.points.ends(joined.markers)?;
+        let median = found.median_distance(pairs(joined.instants, joined.markers, ends));
+        found.scale(length / median.ok_or("no instant at which two cameras see both ends of the wand")?);
+        return Ok(("wand", None));
+    }
+    if !args.marks.is_empty() {
+        found.scale(scale_by_marks(&args.marks, joined, found)?);
+        return Ok(("table", None));
+    }
+    if args.gravity {
+        let track: Vec<(f64, Vector3<f64>)> = (0..joined.instants)
+            .filter_map(|i| {
+                Some((joined.times_ns[i] as f64 * 1e-9, found.points[i * joined.markers]?.coords))
+            })
+            .collect();
+        let (factor, sigma) = scale_by_gravity(&track)
+            .ok_or("the points do not fall: gravity needs a second or more of a ball in free flight")?;
+        found.scale(factor);
+        return Ok(("gravity", Some(sigma / factor)));
+    }
+    Ok(("none", None))
+}
+
+/// The factor by which distances between marks of the table are too short.
+fn scale_by_marks(
+    marks: &[String],
+    joined: &Joined,
+    found: &MotionCalibration,
+) -> Result<f64, Box<dyn Error>> {
+    let mut seen: BTreeMap<String, Vec<(usize, Vector2<f64>)>> = BTreeMap::new();
+    for text in marks {
+        let wrong =
+            || format!("{text:?} is no mark; give it as CAMERA:MARK:U,V, such as left:x+y-:811.5,340");
+        let [camera, name, pixel] = text.split(':').collect::<Vec<_>>()[..] else {
+            return Err(wrong().into());
+        };
+        let (u, v) = pixel.split_once(',').ok_or_else(wrong)?;
+        let pixel =
+            Vector2::new(u.trim().parse().map_err(|_| wrong())?, v.trim().parse().map_err(|_| wrong())?);
+        mark(name)?;
+        let place =
+            found.cameras.iter().position(|c| c.name == camera).ok_or_else(|| {
+                format!("{text:?}: camera {camera} is not among those that were solved for")
+            })?;
+        seen.entry(name.to_owned()).or_default().push((place, pixel));
+    }
+    let mut places = Vec::new();
+    for (name, views) in &seen {
+        let rays = views.iter().filter_map(|(place, pixel)| {
+            let member = &found.cameras[*place];
+            let model = joined.cameras.iter().find(|c| c.name == member.name)?.model;
+            Some((&member.camera_from_first, model.ray(pixel)?))
+        });
+        if let Some(at) = netcord_calib::check::nearest_point(rays) {
+            places.push((mark(name)?, at));
+        }
+    }
+    let mut ratios: Vec<f64> = Vec::new();
+    for (i, a) in places.iter().enumerate() {
+        ratios.extend(places[..i].iter().map(|b| (a.0 - b.0).norm() / (a.1 - b.1).norm()));
+    }
+    ratios.sort_by(f64::total_cmp);
+    ratios
+        .get(ratios.len() / 2)
+        .copied()
+        .filter(|r| r.is_finite())
+        .ok_or_else(|| "scale by the table needs two marks, each in two cameras".into())
+}
+
+fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibration) -> Report {
+    let camera = |c: &netcord_calib::solve::MotionMember| CameraReport {
+        rotation: c.camera_from_first.rotation.matrix().transpose().into(),
+        translation: c.camera_from_first.translation.into(),
+        median_px: c.median_px,
+        rms_px: c.rms_px,
+        outliers: c.outliers,
+    };
+    Report {
+        scale,
+        scale_sigma,
+        cameras: found.cameras.iter().map(|c| (c.name.clone(), camera(c))).collect(),
+        inconsistent: found.inconsistent.iter().cloned().collect(),
+        points: found.points.iter().flatten().count(),
+    }
+}
+
+/// Poses into the rig file; those of cameras that contradict the others stay as they are.
+fn write(
+    edit: &mut RigEdit,
+    path: &std::path::Path,
+    scale: &str,
+    joined: &Joined,
+    found: &MotionCalibration,
+) -> Result<(), Box<dyn Error>> {
+    let names = edit.camera_names();
+    let first = names.first().cloned().unwrap_or_default();
+    let Some(reference) = found.cameras.iter().find(|c| c.name == first) else {
+        return Err(format!(
+            "poses in {} refer to its first camera, {first}, which is not among those that agree; nothing is written",
+            path.display()
+        )
+        .into());
+    };
+    let to_first = reference.camera_from_first.inverse();
+    for c in &found.cameras {
+        let pose = {
+            let rotation = c.camera_from_first.rotation * to_first.rotation;
+            let moved = (&c.camera_from_first * Point::from(to_first.translation)).coords;
+            (rotation, moved)
+        };
+        let note = CalibrationNote {
+            date: save::today(),
+            board: format!("points in motion, scale by {scale}"),
+            frames: joined.instants as u64,
+            rms_px: c.rms_px,
+        };
+        edit.set_pose(&CameraName::new(&c.name)?, pose.0.matrix(), &pose.1, None, Some(&note));
+    }
+    edit.save()?;
+    println!("written to {}; the old one is kept beside it as .bak", path.display());
+    Ok(())
+}
