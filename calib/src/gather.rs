@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::{
+    board::Pattern,
     detect::{Absence, BoardView, Depth, Detector, Luma, convex_hull},
     solve::{CameraViews, View},
 };
@@ -63,6 +64,16 @@ pub enum Rejection {
         "the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show all of it"
     )]
     Unanchored,
+    /// In no picture of this camera is the whole chessboard seen.
+    #[error(
+        "in no picture is the whole {wanted} seen; the largest part has {} × {} inner corners: is that the board's size?", .seen.0, .seen.1
+    )]
+    NeverWhole {
+        /// The board looked for.
+        wanted: String,
+        /// Columns and rows of corners of the largest part.
+        seen: (usize, usize),
+    },
     /// Much like one that was kept.
     #[error("the board stands as in {like} (intersection over union {iou:.2})")]
     Alike {
@@ -171,12 +182,16 @@ pub fn gather_from<P: Sync>(
         })
         .collect();
     let size = usual_size(found.iter().flatten().map(|(_, size)| *size));
+    let part = largest_part(detector, found.iter().flatten().map(|(board, _)| board));
     let mut kept: Vec<(View, Vec<Vector2<f64>>)> = Vec::new();
     let mut rejected = Vec::new();
     for ((name, _), result) in pictures.iter().zip(found) {
         let verdict = result.and_then(|(board, found)| {
             if let Some(expected) = size.filter(|expected| *expected != found) {
                 return Err(Rejection::Size { found, expected });
+            }
+            if let Some(seen) = part {
+                return Err(Rejection::NeverWhole { wanted: detector.board().to_string(), seen });
             }
             let outlines: Vec<(&str, &[Vector2<f64>])> =
                 kept.iter().map(|(v, o)| (v.name.as_str(), o.as_slice())).collect();
@@ -190,6 +205,28 @@ pub fn gather_from<P: Sync>(
     }
     let views = kept.into_iter().map(|(v, _)| v).collect();
     Gathered { views: CameraViews { name: camera.to_owned(), size: size.unwrap_or((0, 0)), views }, rejected }
+}
+
+/// Of a chessboard that is never seen whole in several pictures: columns and rows of its largest part.
+fn largest_part<'a>(
+    detector: &Detector,
+    views: impl Iterator<Item = &'a BoardView> + Clone,
+) -> Option<(usize, usize)> {
+    /// Fewer pictures may all happen to be cut.
+    const SEVERAL: usize = 3;
+    let Pattern::Chessboard { columns, .. } = detector.board().pattern else { return None };
+    if views.clone().count() < SEVERAL || views.clone().any(|v| v.anchored) {
+        return None;
+    }
+    let span = |values: &mut dyn Iterator<Item = usize>| -> usize {
+        let (low, high) = values.fold((usize::MAX, 0), |(l, h), v| (l.min(v), h.max(v)));
+        if low > high { 0 } else { high - low + 1 }
+    };
+    let parts = views.map(|v| {
+        let across = span(&mut v.corners.iter().map(|c| c.id % columns));
+        (across, span(&mut v.corners.iter().map(|c| c.id / columns)))
+    });
+    parts.max_by_key(|(w, h)| w * h)
 }
 
 /// The size that most pictures have; of equally many the first.

@@ -412,6 +412,9 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
     }
     let (_, _, origin, turns, anchored) = best?;
     let (w, h) = if turns % 2 == 0 { (columns as i32, rows as i32) } else { (rows as i32, columns as i32) };
+    if goes_on(&lattice, origin, (w, h), usual) {
+        return None;
+    }
     let points: Vec<_> = (0..columns * rows)
         .map(|i| nalgebra::Vector3::new((i % columns) as f64, (i / columns) as f64, 0.0))
         .collect();
@@ -440,6 +443,21 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
         }
     }
     (corners.len() >= LEAST).then_some(Chessboard { corners, anchored })
+}
+
+/// Whether a whole further line of corners, as strong as the others, lies along one side of the window of
+/// `w` × `h` at `origin`: then this is a larger board.
+fn goes_on(lattice: &Lattice, origin: Cell, (w, h): (i32, i32), usual: f64) -> bool {
+    let strong = |cell: Cell| lattice.get(&cell).is_some_and(|s| s.strength > 0.6 * usual);
+    let line = |along_x: bool, at: i32| {
+        let (start, size) = if along_x { (origin.0, w) } else { (origin.1, h) };
+        let found = (start..start + size).filter(|i| strong(if along_x { (*i, at) } else { (at, *i) }));
+        found.count() as f64 >= 0.8 * f64::from(size)
+    };
+    line(true, origin.1 - 1)
+        || line(true, origin.1 + h)
+        || line(false, origin.0 - 1)
+        || line(false, origin.0 + w)
 }
 
 /// Column and row on the board of a cell of the window of `w` × `h`, the board's x being direction

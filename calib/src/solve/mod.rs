@@ -23,7 +23,7 @@ pub use gravity::{STANDARD_GRAVITY, scale_by_gravity};
 pub use homography::{apply as apply_homography, homography};
 pub use loss::Loss;
 pub use mono::{INTRINSIC_NAMES, MonoCalibration, MonoOptions, Outlier, ViewFit, calibrate_mono};
-pub use motion::{MotionCalibration, MotionMember, MovingPoints, OUTLIER_PX, calibrate_motion};
+pub use motion::{MotionCalibration, MotionMember, MovingPoints, calibrate_motion};
 pub use pose::{FittedPose, board_pose};
 pub use report::{CameraReport, OutlierReport, RejectedReport, Report, Uncertain, ViewReport, coverage};
 pub use rig::{RejectedView, RigCalibration, RigMember, RigOptions, RigViewFit, calibrate_rig};

@@ -38,7 +38,8 @@ pub struct MotionMember {
     pub median_px: f64,
     /// Root mean square of the residuals of its points that are no outliers, px.
     pub rms_px: f64,
-    /// Share of its points beyond [`OUTLIER_PX`], 0–1.
+    /// Share of its points that are outliers, 0–1: further off than five robust standard deviations (from the
+    /// median), as in calibration by boards. Found markers smear in fast motion, and jump.
     pub outliers: f64,
 }
 
@@ -53,8 +54,10 @@ pub struct MotionCalibration {
     pub points: Vec<Option<Point<World>>>,
 }
 
-/// A residual, in px, from which a point in motion is an outlier: found markers jump by more, blur by less.
-pub const OUTLIER_PX: f64 = 2.0;
+/// A residual, in px, beyond which a point in motion does not support a pose in the search for a start.
+const OUTLIER_PX: f64 = 2.0;
+/// Robust standard deviations from which a point is an outlier in the end.
+const OUTLIER_SIGMAS: f64 = 5.0;
 /// Fewest common points of a pair of cameras.
 const LEAST_COMMON: usize = 20;
 /// A camera is inconsistent when leaving it out lowers the others' median residual, or its own lies above
@@ -104,7 +107,9 @@ pub fn calibrate_motion(cameras: &[MovingPoints]) -> Result<MotionCalibration, C
         .zip(&solved.poses)
         .zip(&solved.residuals)
         .map(|((m, pose), r)| {
-            let good: Vec<f64> = r.iter().copied().filter(|r| *r < OUTLIER_PX).collect();
+            // The median length of a normal residual in two directions is √(2 ln 2) of its standard deviation.
+            let limit = OUTLIER_SIGMAS * median(r) / (2.0 * 2f64.ln()).sqrt();
+            let good: Vec<f64> = r.iter().copied().filter(|r| *r < limit).collect();
             MotionMember {
                 name: cameras[*m].name.clone(),
                 camera_from_first: *pose,
