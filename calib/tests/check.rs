@@ -90,7 +90,8 @@ fn a_good_rig_passes_and_a_knocked_camera_is_named() {
 
     let mut refocused = cameras;
     let p = refocused[0].model.parameters();
-    let longer = [p[0] * 1.01, p[1] * 1.01, p[2], p[3], p[4] * 0.7, p[5], p[6], p[7], p[8]];
+    // One axis only: a longer focal length alone is mostly taken for a nearer board.
+    let longer = [p[0] * 1.03, p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8]];
     refocused[0].model = refocused[0].model.with_parameters(longer).expect("valid");
     let (check, _) = check_boards(&refocused, &seen, &Limits { reprojection_px: 0.2, ..Limits::default() });
     assert!(
@@ -148,5 +149,5 @@ fn a_board_or_a_rod_of_another_size_shows_in_the_scale() {
     check.redo.clear();
     let wrong = check_rod(&cameras, &points, ends(), 0.505).expect("seen");
     check.add_rod(wrong, &Limits::default());
-    assert!(check.redo.iter().any(|r| r.contains("the rod comes out -0.99 %")), "{:?}", check.redo);
+    assert!(check.redo.iter().any(|r| r.contains("the rod comes out -0.9")), "{:?}", check.redo);
 }

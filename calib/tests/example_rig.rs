@@ -187,9 +187,8 @@ fn few_frames_chosen_well_are_as_good_as_many() {
                 if max_iou < 1.0 {
                     thin_out(&mut views, &options);
                 }
-                let free = RigOptions { free: [true; 9], ..RigOptions::default() };
                 let begin = Instant::now();
-                let found = calibrate_rig(&views, &models, &free).expect("calibrates");
+                let found = calibrate_rig(&views, &models, &RigOptions::default()).expect("calibrates");
                 (setup.error(&found), begin.elapsed().as_secs_f64() * 1e3, views[0].views.len())
             })
             .collect();
@@ -205,6 +204,6 @@ fn few_frames_chosen_well_are_as_good_as_many() {
     }
     let (five, thirty, all, chosen) = (errors[0], errors[3], errors[5], errors[6]);
     assert!(thirty < five, "thirty frames are better than five");
-    // Four times the frames buy little: noise falls with the root of their number at best.
-    assert!(chosen < 2.5 * all && chosen < five, "chosen {chosen}, all {all}");
+    // What the intrinsics leave does not go away with more frames of both cameras.
+    assert!(thirty < 1.5 * all && chosen < 1.5 * all, "thirty {thirty}, chosen {chosen}, all {all}");
 }

@@ -219,11 +219,25 @@ fn what_does_not_settle_the_table_is_said() {
     let error = calibrate_table(&cameras, &two, &[], None, None).expect_err("two places");
     assert!(matches!(error, TableError::TooFew { places: 2, .. }), "{error}");
 
-    // The long sides taken for the short ones.
-    let mut turned = all;
+    // The long sides taken for the short ones: as if seen in a mirror.
+    let mut turned = all.clone();
     for s in &mut turned {
         s.on_table = Vector3::new(s.on_table.y, s.on_table.x, 0.0);
     }
-    let error = calibrate_table(&cameras, &turned, &[], None, None).expect_err("exchanged");
-    assert!(matches!(error, TableError::Contradiction { .. }), "{error}");
+    let error = calibrate_table(&cameras, &turned, &[], None, None).expect_err("mirrored");
+    assert!(matches!(error, TableError::UpsideDown | TableError::Contradiction { .. }), "{error}");
+    let mut mirrored = all.clone();
+    for s in &mut mirrored {
+        s.on_table.x = -s.on_table.x;
+    }
+    let error = calibrate_table(&cameras, &mirrored, &[], None, None).expect_err("mirrored");
+    assert!(matches!(error, TableError::UpsideDown | TableError::Contradiction { .. }), "{error}");
+    // Each mark named at random.
+    let mut mixed = all;
+    let places: Vec<_> = mixed.iter().map(|s| s.on_table).collect();
+    for (i, s) in mixed.iter_mut().enumerate() {
+        s.on_table = places[(i * 5 + 3) % places.len()];
+    }
+    let error = calibrate_table(&cameras, &mixed, &[], None, None).expect_err("mixed up");
+    assert!(matches!(error, TableError::UpsideDown | TableError::Contradiction { .. }), "{error}");
 }

@@ -3,11 +3,12 @@ use thiserror::Error;
 
 use super::{
     Corner, Depth,
-    fiducial::{any_markers, board_markers, charuco_corners, grid_corners, quads_of},
+    fiducial::{any_markers, board_markers, charuco_corners, fit_radius, grid_corners, quads_of},
     lattice,
     luma::Luma,
     markers::Marker,
     quads::Quad,
+    saddle::SaddleFit,
 };
 use crate::{
     board::{CalibrationBoard, Dictionary, Pattern},
@@ -156,7 +157,7 @@ impl Detector {
 
 /// One printed side in `image`, corners counted from its own first.
 fn find_side(image: &Luma, side: &CalibrationBoard, depth: Depth, quads: &[Quad]) -> Option<BoardView> {
-    let view = match &side.pattern {
+    let mut view = match &side.pattern {
         Pattern::Chessboard { columns, rows, .. } => {
             let board = lattice::find(image, *columns, *rows, depth)?;
             // A lattice much smaller than the board is something else.
@@ -176,8 +177,42 @@ fn find_side(image: &Luma, side: &CalibrationBoard, depth: Depth, quads: &[Quad]
             BoardView { corners, markers, anchored: true }
         }
     };
+    if depth == Depth::Final && !matches!(side.pattern, Pattern::ArucoGrid { .. }) {
+        settle(image, side, &mut view.corners);
+    }
     let least = if matches!(side.pattern, Pattern::ArucoGrid { .. }) { 4 } else { LEAST_CORNERS };
     (view.corners.len() >= least).then_some(view)
+}
+
+/// Fits the corners of a noisy picture once more, over as wide a disc as their squares allow: noise falls with
+/// the disc's radius, while what perspective and lens add in a wide disc is small beside it.
+fn settle(image: &Luma, side: &CalibrationBoard, corners: &mut [Corner]) {
+    /// Noise, grey levels, from which it is worth it.
+    const NOISY: f64 = 4.0;
+    const WIDEST_PX: f64 = 8.0;
+    if image.noise() < NOISY {
+        return;
+    }
+    let (points, seen) = (side.corners(), corners.to_vec());
+    let pitch = match side.pattern {
+        Pattern::Chessboard { square_m, .. } | Pattern::Charuco { square_m, .. } => square_m,
+        Pattern::ArucoGrid { .. } => return,
+    };
+    for corner in corners {
+        let beside = seen.iter().filter(|c| {
+            let apart = (points[c.id] - points[corner.id]).norm();
+            apart > 0.5 * pitch && apart < 1.2 * pitch
+        });
+        let spacing = beside.map(|c| (c.at - corner.at).norm()).fold(f64::INFINITY, f64::min);
+        // As in the first fit, what is printed beside the corner stays out.
+        let radius = (0.16 * spacing).min(WIDEST_PX);
+        if radius.is_finite() && radius > fit_radius(spacing) {
+            // Where the wider fit finds nothing the first one stands.
+            if let Some(saddle) = SaddleFit::new(radius).refine(image, corner.at, 1.0) {
+                corner.at = saddle.at;
+            }
+        }
+    }
 }
 
 /// The convex hull, counter-clockwise for y up (Andrew's monotone chain).

@@ -38,10 +38,22 @@ const MOST_LATTICES: usize = 3;
 /// and of those alike the largest in the picture (not the board's image on a screen behind it).
 pub(super) fn find(image: &Luma, columns: usize, rows: usize, depth: Depth) -> Option<Chessboard> {
     let weight = |b: &Chessboard| weight(b.corners.iter().map(|c| c.at));
-    lattices(image, depth, columns.max(rows))
+    let placed: Vec<Placed> = lattices(image, depth, columns.max(rows))
         .into_iter()
         .filter_map(|l| place(image, l, columns, rows))
-        .max_by(|a, b| weight(a).total_cmp(&weight(b)))
+        .collect();
+    // A part of a larger board may pass for this one when the larger one was not found whole.
+    let larger = placed.iter().map(|p| if let Placed::Larger(n) = p { *n } else { 0 }).max().unwrap_or(0);
+    let boards = placed.into_iter().filter_map(|p| if let Placed::Board(b) = p { Some(b) } else { None });
+    boards.max_by(|a, b| weight(a).total_cmp(&weight(b))).filter(|b| b.corners.len() > larger)
+}
+
+/// What a lattice is.
+enum Placed {
+    /// The board, or a part of it.
+    Board(Chessboard),
+    /// A larger board, with so many corners where this one would be.
+    Larger(usize),
 }
 
 /// Columns and rows of the largest lattice of corners in the picture, the longer side first.
@@ -376,7 +388,7 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
 }
 
 /// Cuts the lattice to the board and numbers its corners.
-fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<Chessboard> {
+fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<Placed> {
     let (x0, x1) = (lattice.keys().map(|c| c.0).min()?, lattice.keys().map(|c| c.0).max()?);
     let (y0, y1) = (lattice.keys().map(|c| c.1).min()?, lattice.keys().map(|c| c.1).max()?);
     let mut strengths: Vec<f64> = lattice.values().map(|s| s.strength).collect();
@@ -413,7 +425,7 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
     let (_, _, origin, turns, anchored) = best?;
     let (w, h) = if turns % 2 == 0 { (columns as i32, rows as i32) } else { (rows as i32, columns as i32) };
     if goes_on(&lattice, origin, (w, h), usual) {
-        return None;
+        return Some(Placed::Larger(lattice.len().min(columns * rows)));
     }
     let points: Vec<_> = (0..columns * rows)
         .map(|i| nalgebra::Vector3::new((i % columns) as f64, (i / columns) as f64, 0.0))
@@ -442,7 +454,7 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
             break;
         }
     }
-    (corners.len() >= LEAST).then_some(Chessboard { corners, anchored })
+    (corners.len() >= LEAST).then_some(Placed::Board(Chessboard { corners, anchored }))
 }
 
 /// Whether a whole further line of corners, as strong as the others, lies along one side of the window of

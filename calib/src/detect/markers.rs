@@ -125,7 +125,7 @@ pub(super) fn refine_corners(image: &Luma, marker: &Marker, cells: usize, gap_ce
     let mut corners = marker.corners;
     // Once from the contour's corners, once more from where that led.
     for _ in 0..2 {
-        let mut lines = [(Vector2::zeros(), Vector2::zeros()); 4];
+        let mut lines = [[(Vector2::zeros(), Vector2::zeros()); 2]; 4];
         for (i, line) in lines.iter_mut().enumerate() {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
             let side = to - from;
@@ -141,11 +141,11 @@ pub(super) fn refine_corners(image: &Luma, marker: &Marker, cells: usize, gap_ce
                     points.push(from + side * along + outward * off);
                 }
             }
-            *line = robust_line(&points, samples as usize / 2)?;
+            *line = edge_ends(&points, samples as usize / 2, from, to)?;
         }
         let mut moved = corners;
         for (i, corner) in moved.iter_mut().enumerate() {
-            *corner = meet(&lines[(i + 3) % 4], &lines[i])?;
+            *corner = meet(&lines[(i + 3) % 4][1], &lines[i][0])?;
             let cell = (corners[(i + 1) % 4] - corners[i]).norm() / cells as f64;
             if (*corner - corners[i]).norm() > cell.max(3.0) {
                 return None;
@@ -186,8 +186,49 @@ fn edge_offset(image: &Luma, at: Vector2<f64>, outward: Vector2<f64>, reach: f64
     Some(centre)
 }
 
-/// A line through at least `least` points, those far off left out.
-fn robust_line(points: &[Vector2<f64>], least: usize) -> Option<(Vector2<f64>, Vector2<f64>)> {
+/// The tangents (a point and a direction) at both ends of an edge that runs from `from` to `to`. A lens bends
+/// edges: a parabola is fitted where its bend is sure, a line elsewhere, since the ends of a parabola are less
+/// certain.
+fn edge_ends(
+    points: &[Vector2<f64>],
+    least: usize,
+    from: Vector2<f64>,
+    to: Vector2<f64>,
+) -> Option<[(Vector2<f64>, Vector2<f64>); 2]> {
+    /// The bend in its standard deviations from which it is believed.
+    const SURE: f64 = 3.0;
+    let (kept, (mean, direction)) = robust_line(points, least)?;
+    let across = Vector2::new(-direction.y, direction.x);
+    let along = |p: &Vector2<f64>| (p - mean).dot(&direction);
+    let half = kept.iter().map(|p| along(p).abs()).fold(1e-9, f64::max);
+    let (mut normal, mut rhs) = (Matrix3::<f64>::zeros(), nalgebra::Vector3::<f64>::zeros());
+    for p in &kept {
+        let s = along(p) / half;
+        let row = nalgebra::Vector3::new(1.0, s, s * s);
+        normal += row * row.transpose();
+        rhs += row * (p - mean).dot(&across);
+    }
+    let straight = [(mean, direction); 2];
+    let Some(inverse) = normal.try_inverse().filter(|_| kept.len() > 5) else { return Some(straight) };
+    let terms = inverse * rhs;
+    let offset = |s: f64| terms.x + terms.y * s + terms.z * s * s;
+    let squares: f64 = kept.iter().map(|p| (offset(along(p) / half) - (p - mean).dot(&across)).powi(2)).sum();
+    let sigma = (squares / (kept.len() - 3) as f64 * inverse[(2, 2)]).sqrt();
+    if terms.z.abs() < SURE * sigma {
+        return Some(straight);
+    }
+    Some([from, to].map(|end| {
+        let s = along(&end) / half;
+        let slope = (terms.y + 2.0 * terms.z * s) / half;
+        (mean + direction * (s * half) + across * offset(s), (direction + across * slope).normalize())
+    }))
+}
+
+/// A line through at least `least` points, those far off left out; and those that are left.
+fn robust_line(
+    points: &[Vector2<f64>],
+    least: usize,
+) -> Option<(Vec<Vector2<f64>>, (Vector2<f64>, Vector2<f64>))> {
     let mut kept = points.to_vec();
     for _ in 0..3 {
         if kept.len() < least.max(3) {
@@ -201,8 +242,12 @@ fn robust_line(points: &[Vector2<f64>], least: usize) -> Option<(Vector2<f64>, V
         let before = kept.len();
         kept.retain(|p| off(p) <= limit);
         if kept.len() == before {
-            return Some((mean, direction));
+            return Some((kept, (mean, direction)));
         }
     }
-    if kept.len() < least.max(3) { None } else { fit_line(kept.iter().copied()) }
+    if kept.len() < least.max(3) {
+        return None;
+    }
+    let line = fit_line(kept.iter().copied())?;
+    Some((kept, line))
 }

@@ -107,6 +107,11 @@ pub enum TableError {
         "the table's pose is not determined: all marks and bounces lie on one line, or in one spot; add marks at other corners"
     )]
     Degenerate,
+    /// The table would be seen from below.
+    #[error(
+        "by these marks the cameras look at the table from below: they run the wrong way round. Seen from above, x+ is to the right of          x- when y+ is ahead"
+    )]
+    UpsideDown,
     /// The measurements contradict each other.
     #[error(
         "the marks contradict each other: {rms_px:.1} px RMS; the worst is {worst}. Marks are named by the signs of the table's x and y: \
@@ -192,6 +197,10 @@ pub fn calibrate_table(
             format!("{} in {camera}, {:.1} px off", r.mark, r.length)
         });
         return Err(TableError::Contradiction { rms_px, worst });
+    }
+    let table_from_first = pose.inverse();
+    if cameras.iter().all(|c| (&table_from_first * c.camera_from_first.origin()).coords.z < 0.0) {
+        return Err(TableError::UpsideDown);
     }
     let covariance = problem.normal(&pose).0.try_inverse().ok_or(TableError::Degenerate)?;
     Ok(TableCalibration { first_from_table: pose, covariance, rms_px, rms_contact_m: rms(false), residuals })
