@@ -400,7 +400,7 @@ fn redo(check: &Check, limits: &Limits) -> Vec<String> {
         .collect::<Vec<_>>();
     if bad.is_empty() && !poses_off.is_empty() {
         advice.push(format!(
-            "cameras {}: boards are off along the epipolar lines: the distances between cameras are wrong. Run `netcord calib rig`",
+            "cameras {}: boards are off along the epipolar lines: a lens, or the distance between cameras, has changed. Run `netcord calib mono`, then `netcord calib rig`",
             poses_off.join(", ")
         ));
     }

@@ -3,12 +3,12 @@ use thiserror::Error;
 
 use super::{
     Corner, Depth,
-    fiducial::{any_markers, board_markers, charuco_corners, fit_radius, grid_corners, quads_of},
+    crossing::fit_crossing,
+    fiducial::{any_markers, board_markers, charuco_corners, grid_corners, quads_of},
     lattice,
     luma::Luma,
     markers::Marker,
     quads::Quad,
-    saddle::SaddleFit,
 };
 use crate::{
     board::{CalibrationBoard, Dictionary, Pattern},
@@ -184,33 +184,38 @@ fn find_side(image: &Luma, side: &CalibrationBoard, depth: Depth, quads: &[Quad]
     (view.corners.len() >= least).then_some(view)
 }
 
-/// Fits the corners of a noisy picture once more, over as wide a disc as their squares allow: noise falls with
-/// the disc's radius, while what perspective and lens add in a wide disc is small beside it.
+/// Fits the corners of a noisy picture once more, as crossings of edges as long as their squares allow: there
+/// noise counts for more than what perspective and lens do to edges of a few pixels.
 fn settle(image: &Luma, side: &CalibrationBoard, corners: &mut [Corner]) {
     /// Noise, grey levels, from which it is worth it.
     const NOISY: f64 = 4.0;
-    const WIDEST_PX: f64 = 8.0;
+    const WIDEST_PX: f64 = 10.0;
+    // As in the first fit, what is printed beside the corner stays out.
+    let (pitch, share) = match side.pattern {
+        Pattern::Chessboard { square_m, .. } => (square_m, 0.3),
+        Pattern::Charuco { square_m, .. } => (square_m, 0.16),
+        Pattern::ArucoGrid { .. } => return,
+    };
     if image.noise() < NOISY {
         return;
     }
     let (points, seen) = (side.corners(), corners.to_vec());
-    let pitch = match side.pattern {
-        Pattern::Chessboard { square_m, .. } | Pattern::Charuco { square_m, .. } => square_m,
-        Pattern::ArucoGrid { .. } => return,
-    };
     for corner in corners {
-        let beside = seen.iter().filter(|c| {
-            let apart = (points[c.id] - points[corner.id]).norm();
-            apart > 0.5 * pitch && apart < 1.2 * pitch
-        });
-        let spacing = beside.map(|c| (c.at - corner.at).norm()).fold(f64::INFINITY, f64::min);
-        // As in the first fit, what is printed beside the corner stays out.
-        let radius = (0.16 * spacing).min(WIDEST_PX);
-        if radius.is_finite() && radius > fit_radius(spacing) {
-            // Where the wider fit finds nothing the first one stands.
-            if let Some(saddle) = SaddleFit::new(radius).refine(image, corner.at, 1.0) {
-                corner.at = saddle.at;
-            }
+        let beside = |along_x: bool| {
+            seen.iter().find_map(|c| {
+                let apart = points[c.id] - points[corner.id];
+                let (along, across) = if along_x { (apart.x, apart.y) } else { (apart.y, apart.x) };
+                let next = (along.abs() - pitch).abs() < 0.1 * pitch && across.abs() < 0.1 * pitch;
+                next.then(|| c.at - corner.at)
+            })
+        };
+        let (Some(x), Some(y)) = (beside(true), beside(false)) else { continue };
+        let radius = (share * x.norm().min(y.norm())).min(WIDEST_PX);
+        // Where this finds nothing the first fit stands.
+        if radius > 3.0
+            && let Some(at) = fit_crossing(image, corner.at, [x, y], radius)
+        {
+            corner.at = at;
         }
     }
 }

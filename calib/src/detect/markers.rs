@@ -126,13 +126,16 @@ pub(super) fn refine_corners(image: &Luma, marker: &Marker, cells: usize, gap_ce
     // Once from the contour's corners, once more from where that led.
     for _ in 0..2 {
         let mut lines = [[(Vector2::zeros(), Vector2::zeros()); 2]; 4];
+        let area = signed_area(&corners);
         for (i, line) in lines.iter_mut().enumerate() {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
             let side = to - from;
             let length = side.norm();
             let cell = length / cells as f64;
             let outward = Vector2::new(side.y, -side.x) / length;
-            let reach = (0.5 * cell).min(0.5 * gap_cells * cell).clamp(1.5, 4.5);
+            // Across the edge cells are shorter when the marker is tilted.
+            let deep = (area / length / cells as f64).min(cell);
+            let reach = (0.5 * deep).min(0.5 * gap_cells * deep).clamp(1.5, 4.5);
             let samples = (length * 0.75).ceil().clamp(8.0, 80.0);
             let mut points = Vec::with_capacity(samples as usize);
             for k in 0..samples as usize {

@@ -1,6 +1,7 @@
 //! Finding boards in pictures.
 
 mod chess;
+mod crossing;
 mod detector;
 mod fiducial;
 mod lattice;
