@@ -161,7 +161,7 @@ fn rally(truth: &Transform<World, Table>, noise_m: f64, random: &mut impl Rng) -
                 let next = at + v * dt;
                 let over = next.x.abs() < 0.7625 && next.y.abs() < 1.37;
                 if over && at.z >= 0.02 && next.z < 0.02 {
-                    v.z = -0.9 * v.z;
+                    v.z *= -0.9;
                     v.x *= 0.95;
                     v.y *= 0.95;
                 } else {

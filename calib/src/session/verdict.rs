@@ -50,6 +50,7 @@ impl Reason {
             Self::View(Rejection::NoBoard(_)) => "no board",
             Self::View(Rejection::FewCorners { .. }) => "too few corners",
             Self::View(Rejection::Unanchored) => "corners not numbered",
+            Self::View(Rejection::NeverWhole { .. }) => "never seen whole",
             Self::View(Rejection::Alike { .. }) => "like a kept view (IoU)",
             Self::View(Rejection::Enough(_)) => "enough views",
             Self::Blurred { .. } => "blurred",
