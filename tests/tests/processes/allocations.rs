@@ -3,7 +3,6 @@
 use netcord_tests::{Lab, Watch, one_at_a_time, until};
 
 #[test]
-#[ignore = "known to fail: capture's synthetic source still allocates about twice a frame"]
 fn no_stage_allocates_per_frame() {
     let _turn = one_at_a_time();
     let lab = Lab::new();

@@ -85,6 +85,8 @@ impl TrialReport {
         let mut at_most = |what: &str, value: Option<f64>, most: f64, unit: &str| match value {
             Some(value) if value <= most => {}
             Some(value) => {
+                // One less a share is not the share that it should be, in its last digit.
+                let most = (most * 1e6).round() / 1e6;
                 missed.push(format!("{what} is {value:.2}{unit}; at most {most}{unit} is the mark"))
             }
             None => missed.push(format!("{what} could not be measured")),

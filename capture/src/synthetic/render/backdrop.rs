@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{Rect, TILE, channels};
 use crate::synthetic::{
     flight::{NET_HALF_WIDTH_M, NET_HEIGHT_M},
-    scene::{Rgb, Scene},
+    scene::{Face, Rgb, Scene},
 };
 
 /// What one camera sees of all that stands still: mean levels in full light, and depths.
@@ -32,6 +32,10 @@ pub const DEPTH_UNIT_M: f64 = 0.25e-3;
 /// Spacing of the places whose rays are computed; those between are interpolated, which is off by
 /// 0.01 px at the corners: still scenery needs no more.
 const GRID: usize = 8;
+
+/// Side of the squares in which one face is taken to be seen everywhere when it is seen at their corners, px: what is
+/// lost of a thing's corner is three pixels at most.
+const CELL: usize = 4;
 
 impl Backdrop {
     /// Renders the scene's room for `camera`.
@@ -120,18 +124,26 @@ impl<'a> Shot<'a> {
         n.x.is_finite().then(|| self.world_from_camera * Vector3::new(n.x, n.y, 1.0))
     }
 
-    /// Radiance, depth and surface at a place in the image.
-    fn look(&self, x: f64, y: f64, among: &[u16]) -> (Rgb, f64, u16) {
-        let Some(direction) = self.direction(x, y) else { return ([0.0; 3], 0.0, u16::MAX) };
+    /// The face that is seen at a place in the image; `None` where the lens has no inverse.
+    fn face(&self, x: f64, y: f64, among: &[u16]) -> Option<Face> {
+        let direction = self.direction(x, y)?;
+        Some(self.scene.room.meet(&self.origin, &direction.map(|d| 1.0 / d), among))
+    }
+
+    /// Radiance, depth and surface at a place in the image where this face is seen.
+    fn look(&self, x: f64, y: f64, face: Option<Face>) -> (Rgb, f64, u16) {
+        let (Some(direction), Some(face)) = (self.direction(x, y), face) else {
+            return ([0.0; 3], 0.0, u16::MAX);
+        };
         let room = &self.scene.room;
-        let hit = room.hit(&self.origin, &direction, among, 1.0 / self.camera.model.fx);
+        let hit = room.see(&face, &self.origin, &direction, 1.0 / self.camera.model.fx);
         let Some(net) = room.net(&self.origin, &direction).filter(|net| net.distance < hit.distance) else {
-            return (hit.radiance, hit.distance, hit.surface);
+            return (hit.radiance, hit.distance, face.surface());
         };
         let mixed =
             std::array::from_fn(|c| hit.radiance[c] + net.opacity * (net.radiance[c] - hit.radiance[c]));
         let band = u16::from(net.opacity == 1.0);
-        (mixed, hit.distance, hit.surface ^ 0x8000 ^ (band << 14))
+        (mixed, hit.distance, face.surface() ^ 0x8000 ^ (band << 14))
     }
 
     /// Renders the rows from `y0` on that `means` holds.
@@ -153,13 +165,22 @@ impl<'a> Shot<'a> {
                     .filter(|(_, extent)| extent.as_ref().is_none_or(touches))
                     .map(|(i, _)| i as u16),
             );
-            for y in 0..rows {
-                for x in x0..x1 {
-                    let (radiance, depth, surface) = self.look(x as f64, (y0 + y) as f64, &among);
-                    let i = y * width + x;
-                    surfaces[i] = surface;
-                    depths[i] = (depth / DEPTH_UNIT_M) as u16;
-                    means[i] = self.level(&radiance, x, y0 + y);
+            for (y, x) in (0..rows).step_by(CELL).flat_map(|y| (x0..x1).step_by(CELL).map(move |x| (y, x))) {
+                let (xs, ys) = (x..(x + CELL).min(x1), y..(y + CELL).min(rows));
+                let face = |x: usize, y: usize| self.face(x as f64, (y0 + y) as f64, &among);
+                let common = face(xs.start, ys.start);
+                let alike = [(xs.end - 1, ys.start), (xs.start, ys.end - 1), (xs.end - 1, ys.end - 1)]
+                    .iter()
+                    .all(|(x, y)| face(*x, *y) == common);
+                for y in ys {
+                    for x in xs.clone() {
+                        let face = if alike { common } else { face(x, y) };
+                        let (radiance, depth, surface) = self.look(x as f64, (y0 + y) as f64, face);
+                        let i = y * width + x;
+                        surfaces[i] = surface;
+                        depths[i] = (depth / DEPTH_UNIT_M) as u16;
+                        means[i] = self.level(&radiance, x, y0 + y);
+                    }
                 }
             }
             // Where two surfaces meet, four rays in place of one soften the step.
@@ -170,7 +191,8 @@ impl<'a> Shot<'a> {
                     if other(i - 1) || (y > 0 && other(i - width)) {
                         let mut sum = [0.0; 3];
                         for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
-                            let (radiance, ..) = self.look(x as f64 + dx, (y0 + y) as f64 + dy, &among);
+                            let (x, y) = (x as f64 + dx, (y0 + y) as f64 + dy);
+                            let (radiance, ..) = self.look(x, y, self.face(x, y, &among));
                             sum = std::array::from_fn(|c| sum[c] + 0.25 * radiance[c]);
                         }
                         means[i] = self.level(&sum, x, y0 + y);

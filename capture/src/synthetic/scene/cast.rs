@@ -23,7 +23,7 @@ struct Decoy {
 }
 
 /// Bodies of one player.
-const PLAYER_BODIES: usize = 9;
+const PLAYER_BODIES: usize = 12;
 
 #[derive(Debug, Clone, Copy)]
 struct Player {
@@ -36,6 +36,8 @@ struct Player {
     skin: Paint,
     paddle: Paint,
 }
+
+const HANDLE: Paint = Paint::plain([0.50, 0.36, 0.22]);
 
 const SKINS: [Rgb; 3] = [[0.72, 0.48, 0.36], [0.45, 0.28, 0.19], [0.80, 0.58, 0.46]];
 
@@ -118,12 +120,12 @@ impl Cast {
         self.decoys.len() + self.players.len() * PLAYER_BODIES
     }
 
-    /// How often the picture of body `index` must be renewed, s: hips, chests and heads are large, and move
+    /// How often the picture of body `index` must be renewed, s: hips, chests, heads and legs are large, and move
     /// no more than some pixels in this time.
     pub fn renewal_s(&self, index: usize) -> f64 {
         match index.checked_sub(self.decoys.len()) {
             None => 0.02,
-            Some(part) if part % PLAYER_BODIES < 3 => 0.20,
+            Some(part) if part % PLAYER_BODIES < 5 => 0.20,
             Some(_) => 0.08,
         }
     }
@@ -173,15 +175,16 @@ impl Player {
         body(Body::upright(hip, [0.19, 0.15, 0.20], self.shorts));
         body(Body::upright(chest, [0.24, 0.16, 0.34], self.shirt));
         body(Body::upright(head, [0.09, 0.11, 0.13], self.skin));
+        for side in [-0.11, 0.11] {
+            let foot = self.stand + Vector3::new(1.6 * side, -f * 0.05, FLOOR_Z_M);
+            body(Body::limb(hip + Vector3::new(side, 0.0, -0.05), foot, 0.07, self.skin));
+        }
         body(Body::limb(up(0.2 * f, 0.10, 0.60), elbow, 0.055, self.shirt));
         body(Body::limb(elbow, hand, 0.042, self.skin));
         body(Body::sphere(hand, 0.05, self.skin));
-        body(Body::disc(
-            hand + Vector3::new(0.02 * f, f * 0.12, 0.05),
-            Vector3::new(0.3 * swing(1.0, 0.5), f, 0.35),
-            0.08,
-            self.paddle,
-        ));
+        let blade = hand + Vector3::new(0.02 * f, f * 0.12, 0.05);
+        body(Body::limb(hand, blade, 0.015, HANDLE));
+        body(Body::disc(blade, Vector3::new(0.3 * swing(1.0, 0.5), f, 0.35), 0.08, self.paddle));
         body(Body::limb(up(-0.2 * f, 0.10, 0.60), other, 0.05, self.shirt));
         body(Body::sphere(other, 0.05, self.skin));
     }

@@ -16,7 +16,7 @@ pub use light::{Dimming, Flicker, Light};
 pub use look::{Difficulty, Preset};
 pub use options::{SceneError, SceneOptions};
 pub use paint::{Paint, Rgb, Texture};
-pub use room::{Block, Hit, NetHit, Room};
+pub use room::{Block, Face, Hit, NetHit, Room};
 
 use nalgebra::Vector3;
 use netcord_common::rig::{BallColour, Rig};

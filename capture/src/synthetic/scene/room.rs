@@ -39,6 +39,24 @@ enum BlockKind {
     Thing,
 }
 
+/// A face of a cuboid, or of the hall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Face {
+    block: usize,
+    /// Across which axis it lies, and where.
+    axis: usize,
+    at_m: f64,
+    /// Whether rays that meet it run against the axis.
+    backward: bool,
+}
+
+impl Face {
+    /// Tells faces apart.
+    pub fn surface(&self) -> u16 {
+        (self.block.min(0xfff) * 6 + self.axis * 2 + usize::from(self.backward)) as u16
+    }
+}
+
 /// What a ray meets.
 #[derive(Debug, Clone, Copy)]
 pub struct Hit {
@@ -46,8 +64,6 @@ pub struct Hit {
     pub distance: f64,
     /// Reflectance times irradiance.
     pub radiance: Rgb,
-    /// Tells surfaces apart.
-    pub surface: u16,
 }
 
 /// What a ray meets of the net.
@@ -65,6 +81,8 @@ pub struct NetHit {
 const MESH_OPACITY: f32 = 0.38;
 /// White band along the top of the net.
 const BAND_M: f64 = 0.015;
+/// Half its thickness, with the cord inside it.
+const HALF_TAPE_M: f64 = 0.004;
 /// White lines along the sides of the table, and down its middle.
 const LINE_M: f64 = 0.020;
 const MIDDLE_LINE_M: f64 = 0.003;
@@ -100,6 +118,10 @@ impl Room {
             let post = Paint::plain([0.06, 0.06, 0.07]);
             blocks.push(Block::thing((x, 0.0), (0.012, 0.012), (-0.06, NET_HEIGHT_M + 0.005), post));
         }
+        // The tape along the net's top has a thickness: cameras that look along the net see nothing else of it.
+        let tape = (NET_HALF_WIDTH_M, HALF_TAPE_M);
+        let heights = (NET_HEIGHT_M - BAND_M, NET_HEIGHT_M);
+        blocks.push(Block::thing((0.0, 0.0), tape, heights, Paint::plain([0.82; 3])));
         for _ in 0..difficulty.clutter {
             blocks.push(Block::clutter(difficulty, alike, &hall, random));
         }
@@ -112,37 +134,58 @@ impl Room {
         &self.blocks
     }
 
-    /// What the ray from `origin` along `direction` meets first, of the cuboids in `among` and the hall;
-    /// the net not counted. `blur_m` is how wide a pixel is at one metre: fine lines fade with it.
-    pub fn hit(
-        &self,
-        origin: &Vector3<f64>,
-        direction: &Vector3<f64>,
-        among: &[u16],
-        pixel_at_1m: f64,
-    ) -> Hit {
-        let inverse = direction.map(|d| 1.0 / d);
-        let (distance, axis) = leave(&self.hall.0, &self.hall.1, origin, &inverse);
+    /// What the ray from `origin` meets first, of the cuboids in `among` and the hall; the net not counted. `inverse`
+    /// holds the inverses of its direction.
+    pub fn meet(&self, origin: &Vector3<f64>, inverse: &Vector3<f64>, among: &[u16]) -> Face {
+        let (distance, axis) = leave(&self.hall.0, &self.hall.1, origin, inverse);
         let mut nearest = (distance, axis, usize::MAX);
         for index in among {
             let block = &self.blocks[usize::from(*index)];
-            if let Some((distance, axis)) = enter(&block.low, &block.high, origin, &inverse)
+            if let Some((distance, axis)) = enter(&block.low, &block.high, origin, inverse)
                 && distance < nearest.0
             {
                 nearest = (distance, axis, usize::from(*index));
             }
         }
-        let (distance, axis, index) = nearest;
+        let (_, axis, block) = nearest;
+        let backward = inverse[axis] < 0.0;
+        // Cuboids are entered from outside, the hall is left from inside.
+        let at_m = match self.blocks.get(block) {
+            Some(block) => {
+                if backward {
+                    block.high[axis]
+                } else {
+                    block.low[axis]
+                }
+            }
+            None => {
+                if backward {
+                    self.hall.0[axis]
+                } else {
+                    self.hall.1[axis]
+                }
+            }
+        };
+        Face { block, axis, at_m, backward }
+    }
+
+    /// What the ray from `origin` along `direction` sees of a face. `pixel_at_1m` is how wide a pixel is at one
+    /// metre: fine lines fade with it.
+    pub fn see(&self, face: &Face, origin: &Vector3<f64>, direction: &Vector3<f64>, pixel_at_1m: f64) -> Hit {
+        let axis = face.axis;
+        let distance = (face.at_m - origin[axis]) / direction[axis];
+        // A camera outside the hall sees through its walls to nothing in particular.
+        let distance = if distance >= 0.0 { distance } else { 1e3 };
         let at = origin + direction * distance;
         let mut normal = Vector3::zeros();
-        normal[axis] = -direction[axis].signum();
+        normal[axis] = if face.backward { 1.0 } else { -1.0 };
         let (s, t) = match axis {
             0 => (at.y as f32, at.z as f32),
             1 => (at.x as f32, at.z as f32),
             _ => (at.x as f32, at.y as f32),
         };
         let mut irradiance = self.light.on(&normal) as f32;
-        let reflectance = match self.blocks.get(index) {
+        let reflectance = match self.blocks.get(face.block) {
             Some(block) if block.kind == BlockKind::TableTop && axis == 2 && normal.z > 0.0 => {
                 let width = pixel_at_1m * distance * direction.norm();
                 let line = lines(&at, width) as f32;
@@ -156,8 +199,7 @@ impl Room {
             }
             None => self.walls.at(s, t),
         };
-        let surface = (index.min(0xfff) * 6 + axis * 2 + usize::from(normal[axis] > 0.0)) as u16;
-        Hit { distance, radiance: reflectance.map(|r| r * irradiance), surface }
+        Hit { distance, radiance: reflectance.map(|r| r * irradiance) }
     }
 
     /// What the ray meets of the net.
