@@ -6,6 +6,7 @@ mod demo;
 mod faults;
 mod kill;
 mod refusals;
+mod replay;
 mod scripts;
 mod session;
 mod up;

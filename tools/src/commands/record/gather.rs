@@ -164,10 +164,12 @@ impl Gather {
     /// Says what was recorded and what was lost.
     pub(super) fn report(&self, out: &Path, stored: &Stored) -> Outcome {
         println!(
-            "{}: {} frames, {} messages, {:.1} MB",
+            "{}: {} frames, {} messages{}, {:.1} MB",
             out.display(),
             self.frames.get(),
             self.messages.get(),
+            // Some of them were still on their way when the disk was full.
+            if stored.failed.is_some() { " taken" } else { "" },
             stored.bytes as f64 * 1e-6
         );
         let (frames, messages) = (self.lost_frames.get(), self.lost_messages.get());
