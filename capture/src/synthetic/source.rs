@@ -241,7 +241,7 @@ impl Stand {
         let exposure = self.exposure(n, 0, shift);
         let seen = match &self.pool {
             Some(pool) => pool.truth(n),
-            None => self.renderer.truth(&exposure),
+            None => self.renderer.glance(&exposure),
         };
         self.tell(n, seen, shift)?;
         shift.sink.lost(self.camera.index, shift.sink.first_trigger_id() + n, LossReason::Overrun)

@@ -6,15 +6,15 @@ use netcord_tests::{Lab, Watch, one_at_a_time, until};
 fn no_stage_allocates_per_frame() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let rig = lab.synthetic_rig(100.0, &[]);
+    let rig = lab.synthetic_rig(25.0, &[]);
     let up = lab.start(&["up", &rig.display().to_string(), "--quiet"]);
     let bus = lab.bus();
     let mut watch = Watch::attach(&bus);
     let stages = watch.stages();
     watch.position_after(0);
-    let triggers = |watch: &mut Watch| watch.counter("capture", "framesets_complete");
+    let triggers = |watch: &mut Watch| watch.counter("capture", "left/frames_published");
     // A rally with hits and bounces passes before the count begins: buffers have grown to what they need.
-    let warm = triggers(&mut watch) + 200;
+    let warm = triggers(&mut watch) + 150;
     until("warm stages", || (triggers(&mut watch) >= warm).then_some(()));
     let counts = |watch: &mut Watch| {
         stages.keys().map(|stage| (stage.clone(), watch.counter(stage, "allocations"))).collect::<Vec<_>>()

@@ -147,6 +147,13 @@ impl FrameRenderer {
         self.compose(exposure, &light)
     }
 
+    /// As [`Self::truth`], but with players where they were last painted: for a frame that is left out because time
+    /// is short, and would be left out in vain if this took as long as the frame.
+    pub fn glance(&mut self, exposure: &Exposure) -> CameraTruth {
+        let light = self.light(exposure);
+        self.paint_ball(exposure, &light)
+    }
+
     /// The ball at an instant of scene time.
     pub fn ball_at(&mut self, t_s: f64) -> Option<TrackPoint> {
         self.track.at(t_s)
@@ -161,9 +168,13 @@ impl FrameRenderer {
     /// Brings the set up to date, and paints the ball and its shadows onto tiles of the backdrop, with the actors
     /// behind and before it.
     fn compose(&mut self, exposure: &Exposure, light: &Brightness) -> CameraTruth {
+        self.set.renew(&mut self.view, exposure.mid_s);
+        self.paint_ball(exposure, light)
+    }
+
+    fn paint_ball(&mut self, exposure: &Exposure, light: &Brightness) -> CameraTruth {
         let gain = light.gain();
         self.canvas.clear();
-        self.set.renew(&mut self.view, exposure.mid_s);
         let seen = self.find_ball(exposure);
         let Self { scene, view, set, canvas, painter, ball, ball_layer, .. } = self;
         if let Some(carried) = &scene.board {
