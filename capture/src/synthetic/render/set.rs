@@ -31,6 +31,9 @@ struct Actor {
     layer: Layer,
 }
 
+/// Room for a player's chest at a metre and a half; memory that is never touched is never taken.
+const ACTOR_PIXELS: usize = 1 << 18;
+
 impl Actor {
     fn depth_m(&self) -> f64 {
         self.outline.as_ref().map_or(0.0, |o| o.depth_m)
@@ -44,7 +47,9 @@ impl Set {
         Self {
             scene: Arc::clone(scene),
             means: view.backdrop.means.clone(),
-            actors: (0..scene.cast.size()).map(|_| Actor::default()).collect(),
+            actors: (0..scene.cast.size())
+                .map(|_| Actor { layer: Layer::with_room(ACTOR_PIXELS), ..Actor::default() })
+                .collect(),
             order: Vec::with_capacity(scene.cast.size()),
             stale: Vec::with_capacity(tiles),
             is_stale: vec![false; tiles],
