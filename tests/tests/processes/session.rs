@@ -223,6 +223,40 @@ fn a_session_on_pictures_survives_a_kill_and_ends_in_a_rig_that_is_right() {
     assert!(off_mm < 4.0 && off_deg < 0.1, "{off_mm} mm, {off_deg}°");
     assert!(rig.with_extension("toml.bak").exists(), "the old file is kept");
     assert_eq!(session.stop().code, Some(0));
+
+    // At last the board lies on the table; its place there is given in the page.
+    let lying = places(&truth).last().copied().expect("the tour ends on the table");
+    let along = lying.rotation * Vector3::x();
+    fs::create_dir(lab.path("table")).expect("a folder");
+    let images: Vec<String> = truth
+        .cameras
+        .iter()
+        .map(|camera| {
+            let picture =
+                Photographer::new(&camera.model).picture(&board(), &(&camera.camera_from_world * &lying));
+            let folder = lab.path("table").join(camera.name.as_str());
+            fs::create_dir(&folder).expect("a folder");
+            picture.save(folder.join("lying.png")).expect("written");
+            format!("{}={}", camera.name, folder.display())
+        })
+        .collect();
+    let (session, page, _) = start(&lab, &rig, &["--images", &images[0], &images[1], "--task", "table"]);
+    page.act(&json!({ "do": "gather" })).expect("may");
+    let state = page.state_when("the picture", |s| s["source"]["ended"] == true);
+    assert_eq!(kept(&state), 1, "{:#}", state["session"]["cameras"]);
+    assert!(page.act(&json!({ "do": "process" })).expect_err("where?").contains("how the board lies"));
+    let (at, turned_deg) = (lying.translation, along.y.atan2(along.x).to_degrees());
+    let place =
+        json!({ "do": "place", "x_m": at.x, "y_m": at.y, "turned_deg": turned_deg, "height_m": at.z });
+    page.act(&place).expect("four numbers");
+    let result = process_and_save(&page);
+    assert_eq!(result["report"]["kind"], "table");
+    let found = Lab::load(&rig);
+    for (found, truth) in found.cameras.iter().zip(&truth.cameras) {
+        let (found, truth) = (found.camera_from_world.origin(), truth.camera_from_world.origin());
+        assert!(found.distance(&truth) < 6e-3, "{found:?} in place of {truth:?}");
+    }
+    assert_eq!(session.stop().code, Some(0));
 }
 
 #[test]

@@ -145,6 +145,7 @@ function showCameras(s) {
     p.verdict.className = `verdict ${camera.good ? "good" : "bad"}`;
     p.verdict.textContent = camera.good ? (s.phase === "gathering" ? "kept" : "good view") : camera.rejected || "";
     p.verdict.title = p.verdict.textContent;
+    p.empty.textContent = state.source.kind === "live" ? `No frames yet: is netcord capture --rig ${state.rig} running?` : "No picture yet";
     if (camera.size) p.frame.style.aspectRatio = camera.size.join("/");
     heatMap(p.map, camera);
     p.aims.replaceChildren(...camera.aims.map((a) =>
