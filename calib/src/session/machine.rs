@@ -5,18 +5,16 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{
-    advice::Advice,
-    aims::{Aims, CameraAims},
+    judging::board_of,
     problem::{Outcome, Problem, ProblemError},
     setup::{SessionCamera, Setup, Task},
     shot::{Shot, Sight},
     stillness::Stillness,
     tally::Tally,
-    verdict::{Reason, Verdict},
+    verdict::Verdict,
 };
 use crate::{
-    detect::{BoardView, Detector},
-    gather::{GatherOptions, Rejection, intersection_over_union, judge},
+    detect::Detector,
     solve::{CameraViews, View},
     table::{self, BoardOnTable},
 };
@@ -96,31 +94,22 @@ pub enum SessionError {
     Unknown(String),
 }
 
-/// Largest blur of a view that is kept, px: corners are then found to a tenth of a pixel still.
-const MOST_BLUR_PX: f64 = 3.0;
-
-/// How far a board may move from one look to the next, as a share of the picture's width: 1.5 px of 1920.
-const STILL_SHARE: f64 = 0.0008;
-
-/// Common views of two cameras that a link in the chain of poses should have.
-const COMMON_VIEWS: usize = 8;
-
 /// The session. Nothing in it reads a clock or a file.
 #[derive(Debug)]
 pub struct Session {
-    setup: Setup,
-    detector: Arc<Detector>,
-    phase: Phase,
-    kept: Vec<KeptShot>,
-    marks: Vec<Mark>,
+    pub(super) setup: Setup,
+    pub(super) detector: Arc<Detector>,
+    pub(super) phase: Phase,
+    pub(super) kept: Vec<KeptShot>,
+    pub(super) marks: Vec<Mark>,
     tallies: Vec<Tally>,
     stillness: Vec<Stillness>,
-    last: Vec<Option<Sight>>,
-    last_verdict: Option<Verdict>,
+    pub(super) last: Vec<Option<Sight>>,
+    pub(super) last_verdict: Option<Verdict>,
     outcome: Option<Arc<Outcome>>,
     failure: Option<String>,
     stale: bool,
-    exhausted: bool,
+    pub(super) exhausted: bool,
 }
 
 impl Session {
@@ -439,238 +428,5 @@ impl Session {
                 }
             })
             .collect()
-    }
-
-    /// The size that a camera's pictures must have, once it is known.
-    fn size(&self, camera: usize) -> Option<(u32, u32)> {
-        let of_model = || self.setup.cameras[camera].model.map(|m| (m.width, m.height));
-        self.kept.iter().find_map(|s| s.views[camera].as_ref()).map(|v| v.size).or_else(of_model)
-    }
-
-    /// Which cameras' sights of a shot are worth keeping; `moved`: how far the boards have moved since the look
-    /// before, where that counts.
-    fn judge(&self, shot: &Shot, moved: Option<&[Option<f64>]>) -> Verdict {
-        let mut cameras: Vec<Option<Result<(), Reason>>> = shot
-            .sights
-            .iter()
-            .enumerate()
-            .map(|(camera, sight)| {
-                let sight = sight.as_ref()?;
-                Some(match sight {
-                    Err(rejection) => Err(rejection.clone().into()),
-                    Ok(sight) => self.judge_sight(camera, sight, moved.map(|m| m[camera])),
-                })
-            })
-            .collect();
-        if self.setup.task == Task::Rig {
-            self.judge_together(shot, &mut cameras);
-        }
-        Verdict { cameras }
-    }
-
-    /// One camera's sight by itself.
-    fn judge_sight(&self, camera: usize, sight: &Sight, moved: Option<Option<f64>>) -> Result<(), Reason> {
-        if let Some(expected) = self.size(camera)
-            && expected != sight.size
-        {
-            return Err(Rejection::Size { found: sight.size, expected }.into());
-        }
-        let board = sight.board.as_ref().map_err(|absence| Rejection::from(absence.clone()))?;
-        let outlines: Vec<(&str, &[Vector2<f64>])> = self
-            .kept
-            .iter()
-            .filter_map(|s| s.views[camera].as_ref().map(|v| (s.name.as_str(), v.outline.as_slice())))
-            .collect();
-        // Shots of several cameras are compared as a whole, later.
-        let options = match self.setup.task {
-            Task::Rig => GatherOptions { max_iou: 1.0, ..self.setup.options },
-            Task::Mono | Task::Table => self.setup.options,
-        };
-        judge(board, &self.detector, &outlines, &options)?;
-        match moved {
-            Some(None) => return Err(Reason::JustSeen),
-            Some(Some(moved_px)) if moved_px > STILL_SHARE * f64::from(sight.size.0) => {
-                return Err(Reason::Moving { moved_px });
-            }
-            _ => {}
-        }
-        match sight.blur_px {
-            Some(blur_px) if blur_px > MOST_BLUR_PX => {
-                Err(Reason::Blurred { blur_px, most_px: MOST_BLUR_PX })
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Sights that are good by themselves must also go together.
-    fn judge_together(&self, shot: &Shot, cameras: &mut [Option<Result<(), Reason>>]) {
-        let good: Vec<usize> = (0..cameras.len()).filter(|c| matches!(cameras[*c], Some(Ok(())))).collect();
-        let stamps = good.iter().filter_map(|c| match &shot.sights[*c] {
-            Some(Ok(sight)) => sight.stamp_ns,
-            _ => None,
-        });
-        let (first, last) = stamps.fold((u64::MAX, 0), |(a, b), s| (a.min(s), b.max(s)));
-        let apart = last.saturating_sub(first);
-        let alike = self.alike(shot, &good);
-        for &c in &good {
-            let model = self.setup.cameras[c].model;
-            cameras[c] = Some(if good.len() >= 2 && apart > self.setup.tolerance_ns {
-                Err(Reason::NotSimultaneous {
-                    apart_ms: apart as f64 * 1e-6,
-                    most_ms: self.setup.tolerance_ns as f64 * 1e-6,
-                })
-            } else if let Some((like, iou)) = &alike {
-                Err(Rejection::Alike { like: like.clone(), iou: *iou }.into())
-            } else if good.len() == 1 && model.is_some() {
-                Err(Reason::Alone { camera: self.setup.cameras[c].name.clone() })
-            } else {
-                Ok(())
-            });
-        }
-    }
-
-    /// A kept shot in which every one of `cameras` saw the board where it is now.
-    fn alike(&self, shot: &Shot, cameras: &[usize]) -> Option<(String, f64)> {
-        let outlines: Vec<(usize, Vec<Vector2<f64>>)> = cameras
-            .iter()
-            .filter_map(|&c| board_of(&shot.sights[c]).map(|b| (c, Detector::outline(b))))
-            .collect();
-        let least = |kept: &KeptShot| {
-            let ious = outlines.iter().map(|(c, outline)| {
-                kept.views[*c].as_ref().map_or(0.0, |v| intersection_over_union(outline, &v.outline))
-            });
-            ious.fold(1.0, f64::min)
-        };
-        let closest = self.kept.iter().map(|k| (k, least(k))).max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (closest.1 > self.setup.options.max_iou).then(|| (closest.0.name.clone(), closest.1))
-    }
-
-    /// What a camera's views have reached. For poses only those views count that another camera shares.
-    pub fn aims(&self, camera: usize) -> CameraAims {
-        let shared = |s: &&KeptShot| {
-            self.setup.task != Task::Rig || s.views.iter().filter(|v| v.is_some()).count() >= 2
-        };
-        let views = self.kept.iter().filter(shared).filter_map(|s| s.views[camera].as_ref());
-        CameraAims::of(Aims::of(self.setup.task), self.setup.cameras[camera].model.as_ref(), views)
-    }
-
-    /// How much of what it takes one camera has gathered, 0–1. Four marks of the table do as well as views.
-    pub fn camera_reached(&self, camera: usize) -> f64 {
-        let own = |m: &&Mark| m.camera == self.setup.cameras[camera].name;
-        let marks = self.marks.iter().filter(own).count() as f64 / 4.0;
-        self.aims(camera).reached().max(marks.min(1.0))
-    }
-
-    /// How much of what it takes has been gathered, 0–1: the least of the cameras; for the table, one is enough.
-    pub fn reached(&self) -> f64 {
-        let cameras = (0..self.setup.cameras.len()).map(|c| self.camera_reached(c));
-        match self.setup.task {
-            Task::Table => cameras.fold(0.0, f64::max),
-            Task::Mono | Task::Rig => cameras.fold(1.0, f64::min),
-        }
-    }
-
-    /// What to do next.
-    pub fn advice(&self) -> Advice {
-        match self.phase {
-            Phase::Preview if self.exhausted && self.kept.is_empty() => Advice::NothingFound,
-            Phase::Preview if self.exhausted => Advice::AllLookedAt,
-            Phase::Preview => Advice::Start,
-            Phase::Processing => Advice::Wait,
-            Phase::Review => Advice::Review,
-            Phase::Saved => Advice::Done,
-            Phase::Gathering => self.gathering_advice(),
-        }
-    }
-
-    fn gathering_advice(&self) -> Advice {
-        if self.setup.task == Task::Table && self.reached() > 0.999 {
-            return Advice::Process;
-        }
-        let name = |c: usize| self.setup.cameras[c].name.clone();
-        let aims: Vec<CameraAims> = (0..self.setup.cameras.len()).map(|c| self.aims(c)).collect();
-        let lacking = |a: &CameraAims| a.reached() < 0.999;
-        if !aims.iter().any(lacking) && self.missing_link().is_none() {
-            return Advice::Process;
-        }
-        // A camera that sees the board now and still needs views comes first, then the one that needs most.
-        let sees = |c: &usize| self.last[*c].as_ref().is_some_and(|s| s.board.is_ok());
-        let needy: Vec<usize> = (0..aims.len()).filter(|c| lacking(&aims[*c])).collect();
-        let Some(camera) = needy.iter().copied().find(sees).or_else(|| {
-            needy.iter().copied().min_by(|a, b| aims[*a].reached().total_cmp(&aims[*b].reached()))
-        }) else {
-            return self.missing_link().unwrap_or(Advice::Process);
-        };
-        let verdict = self.last_verdict.as_ref().and_then(|v| v.cameras[camera].as_ref());
-        match verdict {
-            Some(Err(Reason::Moving { .. } | Reason::JustSeen | Reason::NotSimultaneous { .. })) => {
-                return Advice::HoldStill { camera: name(camera) };
-            }
-            Some(Err(Reason::Blurred { .. })) => return Advice::Focus { camera: name(camera) },
-            Some(Err(Reason::View(Rejection::FewCorners { .. } | Rejection::Unanchored))) => {
-                return Advice::ShowMore { camera: name(camera) };
-            }
-            _ => {}
-        }
-        if self.setup.task == Task::Table {
-            return Advice::LayOnTable;
-        }
-        if let Some(link) = self.missing_link() {
-            return link;
-        }
-        let a = &aims[camera];
-        if a.views() == 0 {
-            return Advice::ShowBoard { camera: name(camera) };
-        }
-        if let Some(place) = a.lacking_place(true) {
-            return Advice::MoveTo { camera: name(camera), place };
-        }
-        if let Some(edge) = a.lacking_tilt() {
-            return Advice::Tilt { camera: name(camera), edge };
-        }
-        if a.lacks_near() {
-            return Advice::Closer { camera: name(camera) };
-        }
-        if a.lacks_far() {
-            return Advice::Farther { camera: name(camera) };
-        }
-        if let Some(place) = a.lacking_place(false) {
-            return Advice::MoveTo { camera: name(camera), place };
-        }
-        Advice::Different { camera: name(camera) }
-    }
-
-    /// For poses: the two cameras whose link, in the best chain through all cameras, has the fewest common views.
-    fn missing_link(&self) -> Option<Advice> {
-        let count = self.setup.cameras.len();
-        if self.setup.task != Task::Rig || count < 2 {
-            return None;
-        }
-        let common = |a: usize, b: usize| {
-            self.kept.iter().filter(|s| s.views[a].is_some() && s.views[b].is_some()).count()
-        };
-        let mut linked = vec![0];
-        let mut weakest: Option<(usize, usize, usize)> = None;
-        while linked.len() < count {
-            let pairs = linked.iter().flat_map(|&a| (0..count).map(move |b| (a, b)));
-            let (views, a, b) = pairs
-                .filter(|(_, b)| !linked.contains(b))
-                .map(|(a, b)| (common(a, b), a, b))
-                .max_by_key(|&(n, a, b)| (n, std::cmp::Reverse((a, b))))?;
-            if weakest.is_none_or(|w| views < w.0) {
-                weakest = Some((views, a, b));
-            }
-            linked.push(b);
-        }
-        let (common, a, b) = weakest.filter(|w| w.0 < COMMON_VIEWS)?;
-        let name = |c: usize| self.setup.cameras[c].name.clone();
-        Some(Advice::ShowToBoth { camera: name(a), other: name(b), common })
-    }
-}
-
-fn board_of(sight: &Option<Result<Sight, Rejection>>) -> Option<&BoardView> {
-    match sight {
-        Some(Ok(sight)) => sight.board.as_ref().ok(),
-        _ => None,
     }
 }
