@@ -300,7 +300,7 @@ function showStrip(s) {
       const camera = s.cameras[shot.corners.findIndex((n) => n !== null)];
       const url = `view?shot=${encodeURIComponent(shot.name)}&camera=${encodeURIComponent(camera.name)}&width=160`;
       thumbs.set(key, element("figure", { title: `${shot.name}: ${shot.corners.map((n, i) => (n === null ? "" : `${n} corners in ${s.cameras[i].name}`)).filter(Boolean).join(", ")}`, onclick: () => choose(shot.name) },
-        element("img", { src: url, alt: "", loading: "lazy" }), element("figcaption", {}, shot.name),
+        element("img", { src: url, alt: "", loading: "lazy" }), element("figcaption", {}, shot.name.replace(/^trigger\d*(?=\d{5})/, "…")),
         element("button", { type: "button", title: "Leave this view out", "aria-label": `Leave ${shot.name} out`, onclick: (e) => { e.stopPropagation(); act({ do: "drop", view: shot.name }); } }, "×")));
     }
     return thumbs.get(key);
