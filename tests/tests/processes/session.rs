@@ -37,13 +37,16 @@ fn shrink(document: &mut DocumentMut, by: i64) {
     }
 }
 
+/// Along each side; with still fewer pixels the markers of a board over the table are no longer read.
+const FEWER: i64 = 2;
+
 /// The rig as it is, in `truth.toml`, and a file of the same rig whose cameras have lost `lost` of their tables.
-fn rigs(lab: &Lab, by: i64, lost: &[&str]) -> (Rig, PathBuf) {
-    let path = lab.rig_file(|document| shrink(document, by));
+fn rigs(lab: &Lab, lost: &[&str]) -> (Rig, PathBuf) {
+    let path = lab.rig_file(|document| shrink(document, FEWER));
     fs::copy(&path, lab.path("truth.toml")).expect("copied");
     let truth = Lab::load(&path);
     let path = lab.rig_file(|document| {
-        shrink(document, by);
+        shrink(document, FEWER);
         document.remove("table");
         for camera in document["camera"].as_array_of_tables_mut().expect("cameras").iter_mut() {
             for table in lost {
@@ -154,7 +157,7 @@ fn pose_error(rig: &Path, truth: &Rig) -> (f64, f64) {
 #[test]
 fn a_session_on_pictures_survives_a_kill_and_ends_in_a_rig_that_is_right() {
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, 2, &ALL);
+    let (truth, rig) = rigs(&lab, &ALL);
     photograph(&lab, &truth, &places(&truth));
     // What a person takes along by mistake.
     GrayImage::from_pixel(960, 600, image::Luma([90]))
@@ -262,7 +265,7 @@ fn a_session_on_pictures_survives_a_kill_and_ends_in_a_rig_that_is_right() {
 #[test]
 fn a_session_on_a_recording_finds_the_poses() {
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, 2, &["pose"]);
+    let (truth, rig) = rigs(&lab, &["pose"]);
     let board = board();
     let cameras: Vec<_> = truth.cameras.iter().map(|c| (c, Photographer::new(&c.model))).collect();
     let pose = |camera: &netcord_common::rig::RigCamera, place: &Transform<World, Board>| {
@@ -305,7 +308,7 @@ fn a_session_on_a_recording_finds_the_poses() {
 fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, 3, &ALL);
+    let (truth, rig) = rigs(&lab, &ALL);
     // The tour's places before the left camera, the right one, and both: each in three frames, one on the way. They
     // are rendered beforehand, so that a busy machine loses none.
     let tour = BoardPath::tour(&truth, &board()).to_csv();
@@ -361,7 +364,7 @@ fn a_session_on_a_running_rig_leads_from_nothing_to_a_rig_that_is_right() {
 #[test]
 fn a_session_that_cannot_be_is_refused_with_what_would_do() {
     let lab = Lab::new();
-    let (_, rig) = rigs(&lab, 2, &ALL);
+    let (_, rig) = rigs(&lab, &ALL);
     let rig = rig.display().to_string();
     fs::create_dir(lab.path("empty")).expect("a folder");
     let empty = lab.path("empty").display().to_string();
@@ -386,7 +389,7 @@ fn the_page_leads_from_preview_to_save_in_chromium() {
         return;
     };
     let lab = Lab::new();
-    let (truth, rig) = rigs(&lab, 2, &ALL);
+    let (truth, rig) = rigs(&lab, &ALL);
     // One camera's pictures are enough for the page.
     photograph(&lab, &truth, &places(&truth)[..15]);
     let image = format!("left={}", lab.path("left").display());
