@@ -1,6 +1,9 @@
-use netcord_common::FrameView;
+use std::ops::Range;
+
+use netcord_common::{FrameView, PixelFormat};
 
 use super::{
+    colour::colour_of,
     kernel::{BackgroundRow, Kernel, LevelTables, WORD_PX},
     noise::Noise,
 };
@@ -34,6 +37,15 @@ const KNOWN_AFTER: u64 = 12;
 
 /// Seconds until a level that stays is believed to be the background.
 const PATIENCE_S: f64 = 2.0;
+
+/// How many probes ahead memory is asked for.
+const PROBES_AHEAD: usize = 12;
+
+/// A stretch of a row.
+struct PlaceOfProbe {
+    y: usize,
+    x: Range<usize>,
+}
 
 /// A rectangle of pixels, half open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -130,6 +142,11 @@ impl Background {
         (f32::from(self.level[y * self.size.0 + x]) * self.light[self.zone(x, y)]).min(255.0)
     }
 
+    /// Red, mean green and blue expected of a cell whose top left pixel is (x, y), both even, DN.
+    pub fn expected_colour(&self, format: PixelFormat, x: usize, y: usize) -> [f32; 3] {
+        colour_of(format, |dx, dy| self.expected(x + dx, y + dy))
+    }
+
     /// The noise of differences.
     pub const fn noise(&self) -> &Noise {
         &self.noise
@@ -139,41 +156,21 @@ impl Background {
     /// over the frame (1.4 % of it). Mains flicker and dimmed lamps change all of a zone alike, which things
     /// that move do not: medians tell them apart.
     pub fn look_at_light(&mut self, view: &FrameView<'_>) {
-        let (width, height) = self.size;
-        let mut n = 0;
-        for zone_y in 0..self.zones.1 {
-            for zone_x in 0..self.zones.0 {
-                let rows = (height - zone_y * ZONE_ROWS).min(ZONE_ROWS);
-                let columns = (width - zone_x * ZONE_PX).min(ZONE_PX);
-                let light = self.light[zone_y * self.zones.0 + zone_x];
-                for probe in 0..PROBES {
-                    // A lattice that shifts with the frames, so that in time all of the zone is looked at.
-                    let shift = (self.frames as usize).wrapping_mul(7) + probe * rows / PROBES;
-                    let y = zone_y * ZONE_ROWS + shift % rows;
-                    let room = columns.saturating_sub(PROBE_PX) + 1;
-                    let x = zone_x * ZONE_PX + (probe * 89 + self.frames as usize * 13) % room;
-                    let end = (x + PROBE_PX).min(width);
-                    let seen = &view.row(y)[x..end];
-                    let level = &self.level[y * width + x..y * width + end];
-                    let (mut sum_seen, mut sum_level) = (0_u32, 0_u32);
-                    for (s, l) in seen.iter().zip(level) {
-                        sum_seen += u32::from(*s);
-                        sum_level += u32::from(*l);
-                    }
-                    let count = seen.len() as f32;
-                    let (seen_mean, level_mean) = (sum_seen as f32 / count, sum_level as f32 / count);
-                    // Half a level added to both: dark stretches tell little and must not tell wild ratios.
-                    let ratio = (seen_mean + 0.5) / (level_mean + 0.5);
-                    self.ratios[n] = if level_mean < 3.0 || seen_mean > 250.0 { f32::NAN } else { ratio };
-                    n += 1;
-                    let gain = (light * 256.0) as i32;
-                    let mut deviation = 0_u32;
-                    for (s, l) in seen.iter().zip(level) {
-                        deviation += (i32::from(*s) - ((i32::from(*l) * gain) >> 8)).unsigned_abs();
-                    }
-                    self.noise.look(seen_mean, deviation as f32 / count);
-                }
+        for n in 0..self.ratios.len() {
+            // Scattered reads: each waits for memory unless it has been asked for a little before.
+            if let Some(probe) = self.probe_place(n + PROBES_AHEAD) {
+                self.kernel.prefetch(&view.row(probe.y)[probe.x.clone()]);
+                self.kernel.prefetch(&self.row(probe.y)[probe.x]);
             }
+            let Some(PlaceOfProbe { y, x }) = self.probe_place(n) else { break };
+            let seen = &view.row(y)[x.clone()];
+            let count = seen.len() as f32;
+            let sums = self.kernel.probe(seen, &self.row(y)[x], &self.tables[n / PROBES]);
+            let (seen_mean, level_mean) = (sums.seen as f32 / count, sums.level as f32 / count);
+            // Half a level added to both: dark stretches tell little and must not tell wild ratios.
+            let ratio = (seen_mean + 0.5) / (level_mean + 0.5);
+            self.ratios[n] = if level_mean < 3.0 || seen_mean > 250.0 { f32::NAN } else { ratio };
+            self.noise.look(seen_mean, sums.deviation as f32 / count);
         }
         let whole = median_of(&self.ratios).unwrap_or(1.0);
         for zone in 0..self.light.len() {
@@ -203,6 +200,21 @@ impl Background {
             }
         }
         self.make_tables();
+    }
+
+    /// Where probe `n` lies in the present frame: a lattice that shifts with the frames, so that in time all of
+    /// each zone is looked at.
+    fn probe_place(&self, n: usize) -> Option<PlaceOfProbe> {
+        let (width, height) = self.size;
+        let (zone, probe) = (n / PROBES, n % PROBES);
+        let (zone_x, zone_y) = (zone % self.zones.0, zone / self.zones.0);
+        let rows = height.checked_sub(zone_y * ZONE_ROWS)?.min(ZONE_ROWS);
+        let columns = (width - zone_x * ZONE_PX).min(ZONE_PX);
+        let shift = (self.frames as usize).wrapping_mul(7) + probe * rows / PROBES;
+        let room = columns.saturating_sub(PROBE_PX) + 1;
+        let x = zone_x * ZONE_PX + (probe * 89 + self.frames as usize * 13) % room;
+        let y = zone_y * ZONE_ROWS + shift % rows.max(1);
+        (zone < self.light.len()).then_some(PlaceOfProbe { y, x: x..(x + PROBE_PX).min(width) })
     }
 
     /// Brings the background of a zone to the present light.
@@ -242,6 +254,13 @@ impl Background {
         let period = if self.frames < FIRST_FRAMES { FIRST_PERIOD } else { PERIOD };
         let first = (self.frames as usize * 5) % period;
         for y in (first..height).step_by(period) {
+            if y + period < height {
+                let next = (y + period) * width..(y + period + 1) * width;
+                self.kernel.prefetch(view.row(y + period));
+                for plane in [&self.level, &self.other, &self.evidence] {
+                    self.kernel.prefetch(&plane[next.clone()]);
+                }
+            }
             let mut x = 0;
             while x < width {
                 // To the end of the zone, or to the next box, or from inside a box to its end.

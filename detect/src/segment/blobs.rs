@@ -108,10 +108,14 @@ impl BlobFinder {
 
     fn runs_of_row(&mut self, words: &[u16], row: u16) {
         let first = self.runs.len();
-        for (i, group) in words.chunks(4).enumerate() {
-            let mut bits = 0_u64;
-            for (k, word) in group.iter().enumerate() {
-                bits |= u64::from(*word) << (16 * k);
+        let (groups, rest) = words.as_chunks::<4>();
+        let mut last = [0; 4];
+        last[..rest.len()].copy_from_slice(rest);
+        for (i, group) in groups.iter().chain(std::iter::once(&last)).enumerate() {
+            let [a, b, c, d] = group.map(u64::from);
+            let mut bits = a | b << 16 | c << 32 | d << 48;
+            if bits == 0 {
+                continue;
             }
             let base = (i * 64) as u16;
             while bits != 0 {

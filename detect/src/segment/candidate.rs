@@ -21,6 +21,28 @@ pub struct Start {
     pub sweep: Sweep,
     /// How well the blob's area and moments agree with a swept disc, 0–1.
     pub likeness: f32,
+    /// How well a few of its cells agree with the ball's colour, 0–1.
+    pub colour: f32,
+}
+
+impl Start {
+    /// Places along and across it, px in the frame, that the ball covers longer than any others.
+    pub fn inside(&self) -> [[f64; 2]; 5] {
+        let Sweep { radius, length, angle, .. } = self.sweep;
+        let (sin, cos) = angle.sin_cos();
+        let (along, across) = (0.25 * length + 0.3 * radius, 0.4 * radius);
+        [(0.0, 0.0), (along, 0.0), (-along, 0.0), (0.0, across), (0.0, -across)].map(|(s, w)| {
+            self.place.rectifier.pixel([f64::from(s * cos - w * sin), f64::from(s * sin + w * cos)])
+        })
+    }
+
+    /// How much it deserves to be looked at, 0–1: noise makes small blobs, and edges of what moves make thin
+    /// ones.
+    pub fn rank(&self) -> f32 {
+        let size = (self.sweep.area() / 40.0).min(1.0);
+        let width = ((self.sweep.radius - 0.9) / 1.2).clamp(0.1, 1.0);
+        self.likeness * size * width * self.colour
+    }
 }
 
 /// Whether a blob's size is within what a ball can have.
@@ -70,5 +92,5 @@ pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
     let grown = Sweep { radius: sweep.radius + 0.5, ..sweep };
     let ratio = marked / grown.area();
     let likeness = (-((ratio.ln() / 0.5).powi(2))).exp();
-    Some(Start { place: *place, sweep, likeness })
+    Some(Start { place: *place, sweep, likeness, colour: 1.0 })
 }

@@ -4,11 +4,13 @@ use netcord_common::{FrameView, PixelFormat, rig::BallColour};
 
 use super::kernel::ColourGate;
 
-/// The light of the scene, as far as its pixels tell: what a grey thing would look like.
+/// The light of the scene, as far as its pixels tell: what a grey thing would look like. Two witnesses are asked,
+/// since neither is always right: the frame's median (after Buchsbaum 1980), which a large blue floor misleads,
+/// and its brightest cells (after Land 1977), which a coloured lamp or a yellow wall misleads.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SceneLight {
-    /// Median of R / G over the frame, and of B / G.
-    pub ratios: [f32; 2],
+    /// R / G and B / G of grey, by witness.
+    pub grey: [[f32; 2]; 2],
     /// Median level of green, DN.
     pub level: f32,
     /// Level of green that one cell in 50 exceeds, DN.
@@ -17,48 +19,62 @@ pub struct SceneLight {
 
 impl Default for SceneLight {
     fn default() -> Self {
-        Self { ratios: [1.0; 2], level: 60.0, bright: 160.0 }
+        Self { grey: [[1.0; 2]; 2], level: 60.0, bright: 160.0 }
     }
 }
 
 /// Cells looked at, along and across.
-const LATTICE: (usize, usize) = (48, 32);
+const LATTICE: (usize, usize) = (64, 40);
+/// The brightest of them, which may be white.
+const BRIGHTEST: usize = LATTICE.0 * LATTICE.1 / 50;
 
 impl SceneLight {
     /// From a lattice of cells of a frame.
     pub fn of(view: &FrameView<'_>) -> Self {
         const N: usize = LATTICE.0 * LATTICE.1;
-        let mut columns = [[0.0_f32; N]; 3];
-        let mut n = 0;
-        for j in 0..LATTICE.1 {
-            for i in 0..LATTICE.0 {
-                let x = (i * (view.width() - 2) / LATTICE.0) & !1;
-                let y = (j * (view.height() - 2) / LATTICE.1) & !1;
-                let [r, g, b] = cell_colour(view, x, y);
-                // One is added to both: black tells nothing, and must not tell wild ratios.
-                columns[0][n] = (r + 1.0) / (g + 1.0);
-                columns[1][n] = (b + 1.0) / (g + 1.0);
-                columns[2][n] = g;
-                n += 1;
-            }
+        let mut cells = [[0.0_f32; 3]; N];
+        for (n, cell) in cells.iter_mut().enumerate() {
+            let x = (n % LATTICE.0 * (view.width() - 2) / LATTICE.0) & !1;
+            let y = (n / LATTICE.0 * (view.height() - 2) / LATTICE.1) & !1;
+            *cell = cell_colour(view, x, y);
         }
-        let [red, blue, green] = &mut columns;
-        let at = |column: &mut [f32; N], share: f64| {
-            let place = (share * (N - 1) as f64) as usize;
-            *column.select_nth_unstable_by(place, f32::total_cmp).1
+        // Dimmest first; saturated cells have lost their hue.
+        let brightness = |c: &[f32; 3]| {
+            if c.iter().any(|level| *level > 250.0) { 0.0 } else { c[0] + 2.0 * c[1] + c[2] }
         };
-        Self {
-            ratios: [at(red, 0.5), at(blue, 0.5)],
-            level: at(green, 0.5).max(1.0),
-            bright: at(green, 0.98).max(2.0),
-        }
+        let whole = ratios(&cells);
+        cells.select_nth_unstable_by(N - BRIGHTEST, |a, b| brightness(a).total_cmp(&brightness(b)));
+        let brightest = ratios(&cells[N - BRIGHTEST..]);
+        let mut green = cells.map(|c| c[1]);
+        let mut at = |share: f64| {
+            let place = (share * (N - 1) as f64) as usize;
+            *green.select_nth_unstable_by(place, f32::total_cmp).1
+        };
+        Self { grey: [whole, brightest], level: at(0.5).max(1.0), bright: at(0.98).max(2.0) }
     }
+}
+
+/// Medians of R / G and B / G.
+fn ratios(cells: &[[f32; 3]]) -> [f32; 2] {
+    const N: usize = LATTICE.0 * LATTICE.1;
+    [0, 2].map(|channel| {
+        let mut column = [0.0_f32; N];
+        for (ratio, cell) in column.iter_mut().zip(cells) {
+            // One is added to both: black tells nothing, and must not tell wild ratios.
+            *ratio = (cell[channel] + 1.0) / (cell[1] + 1.0);
+        }
+        *column[..cells.len()].select_nth_unstable_by(cells.len() / 2, f32::total_cmp).1
+    })
 }
 
 /// Red, mean green and blue of the cell whose top left pixel is (x, y), both even; grey three times.
 pub fn cell_colour(view: &FrameView<'_>, x: usize, y: usize) -> [f32; 3] {
-    let at = |dx: usize, dy: usize| f32::from(view.row(y + dy)[x + dx]);
-    match view.format().red_at() {
+    colour_of(view.format(), |dx, dy| f32::from(view.row(y + dy)[x + dx]))
+}
+
+/// Red, mean green and blue of a cell whose levels `at` tells; grey three times.
+pub fn colour_of(format: PixelFormat, at: impl Fn(usize, usize) -> f32) -> [f32; 3] {
+    match format.red_at() {
         None => [0.25 * (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)); 3],
         Some((rx, ry)) => {
             let green = 0.5 * (at(1 - rx, ry) + at(rx, 1 - ry));
@@ -67,16 +83,22 @@ pub fn cell_colour(view: &FrameView<'_>, x: usize, y: usize) -> [f32; 3] {
     }
 }
 
-/// What is known of the ball's colour: where its ratios R / G and B / G lie, as logarithms against the
-/// scene's, with their spread. Learnt from detections that shape alone makes certain.
+/// What is known of the ball's colour: where the logarithms of its R / G and B / G lie, with their spread.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallModel {
-    /// ln of (R / G), (B / G) against the scene's medians.
+    /// ln of (R / G), (B / G).
     pub mean: [f32; 2],
     /// Standard deviation of both.
     pub spread: f32,
     /// Level of green, DN; none where it is not known.
     pub level: Option<f32>,
+}
+
+impl BallModel {
+    /// In a light in which grey has these ratios.
+    fn in_light(self, grey: [f32; 2]) -> Self {
+        Self { mean: [0, 1].map(|i| self.mean[i] + grey[i].ln()), ..self }
+    }
 }
 
 /// The orange of table tennis balls against grey: about (0.95, 0.5, 0.12) of the light is thrown back.
@@ -89,36 +111,40 @@ const WHITE: BallModel = BallModel { mean: [0.0, 0.0], spread: 0.22, level: None
 #[derive(Debug, Clone)]
 pub struct ColourModel {
     format: PixelFormat,
-    told: BallColour,
+    told: &'static [BallModel],
     learnt: Option<(BallModel, u32)>,
 }
+
+/// Most models that are tried at a time.
+pub const MAX_MODELS: usize = 4;
 
 impl ColourModel {
     /// What a rig file tells.
     pub const fn new(format: PixelFormat, told: BallColour) -> Self {
-        Self { format, told, learnt: None }
-    }
-
-    /// The models to try.
-    pub fn models(&self) -> impl Iterator<Item = BallModel> + '_ {
-        let told: &[BallModel] = match self.told {
+        let told: &[BallModel] = match told {
             BallColour::Orange => &[ORANGE],
             BallColour::White => &[WHITE],
             BallColour::Auto => &[ORANGE, WHITE],
         };
+        Self { format, told, learnt: None }
+    }
+
+    /// The models to try in a light: what was learnt, or else what was told, as each witness sees it.
+    fn models(&self, grey: [[f32; 2]; 2]) -> impl Iterator<Item = BallModel> + '_ {
         let learnt = self.learnt.filter(|(_, n)| *n >= CONFIDENT).map(|(model, _)| model);
-        learnt.into_iter().chain(told.iter().copied().filter(move |_| learnt.is_none()))
+        let told = self.told.iter().flat_map(move |model| grey.map(|grey| model.in_light(grey)));
+        learnt.into_iter().chain(told.filter(move |_| learnt.is_none()))
     }
 
     /// Gates for cells that may be the ball's bright part.
     pub fn gates(&self, light: &SceneLight) -> impl Iterator<Item = ColourGate> + '_ {
         let light = *light;
         let format = self.format;
-        self.models().map(move |model| {
+        self.models(light.grey).map(move |model| {
             // Half of the hue that sets an orange ball apart from grey must be there.
             let tolerance = (2.2 * model.spread).min(0.5);
-            let ratio = |i: usize, sign: f32| light.ratios[i] * (model.mean[i] + sign * tolerance).exp();
-            let orange = model.mean[0] > 0.25;
+            let ratio = |i: usize, sign: f32| (model.mean[i] + sign * tolerance).exp();
+            let orange = model.mean[0] - model.mean[1] > 0.8;
             // White is told by being brighter than its surroundings; orange by hue.
             let least = match model.level {
                 Some(level) => 0.35 * level,
@@ -133,7 +159,7 @@ impl ColourModel {
                     ([-1.0, 0.5 * 1.6 * ratio(0, 1.0), 0.0], 0.0),
                     ([0.0, -0.5 * low_blue, 1.0], -1.0),
                     ([0.0, 0.5 * ratio(1, 1.0), -1.0], 0.0),
-                    ([1.0, 0.5, 0.0], least * (light.ratios[0] + 1.0)),
+                    ([1.0, 0.5, 0.0], least * (model.mean[0].exp() + 1.0)),
                 ],
             )
         })
@@ -144,8 +170,8 @@ impl ColourModel {
         if self.format == PixelFormat::Mono8 {
             return 1.0;
         }
-        let place = place(light, rgb);
-        self.models()
+        let place = place(rgb);
+        self.models(light.grey)
             .map(|model| {
                 let d2 = place.iter().zip(model.mean).map(|(p, m)| (p - m).powi(2)).sum::<f32>();
                 // Tails of a Cauchy: coloured light and reflections of the floor are not normal errors.
@@ -155,8 +181,8 @@ impl ColourModel {
     }
 
     /// Takes note of a ball that was certain by its shape.
-    pub fn learn(&mut self, light: &SceneLight, rgb: [f32; 3]) {
-        let place = place(light, rgb);
+    pub fn learn(&mut self, rgb: [f32; 3]) {
+        let place = place(rgb);
         let (mut model, n) = self.learnt.unwrap_or((BallModel { mean: place, spread: 0.2, level: None }, 0));
         let share = (1.0 / (n + 1) as f32).max(0.02);
         for (mean, place) in model.mean.iter_mut().zip(place) {
@@ -171,7 +197,7 @@ impl ColourModel {
 /// Detections from which on what was learnt replaces what was told.
 const CONFIDENT: u32 = 12;
 
-fn place(light: &SceneLight, [r, g, b]: [f32; 3]) -> [f32; 2] {
-    let ln = |x: f32, ratio: f32| ((x.max(0.0) + 1.0) / (g.max(0.0) + 1.0) / ratio).ln();
-    [ln(r, light.ratios[0]), ln(b, light.ratios[1])]
+fn place([r, g, b]: [f32; 3]) -> [f32; 2] {
+    let ln = |x: f32| ((x.max(0.0) + 1.0) / (g.max(0.0) + 1.0)).ln();
+    [ln(r), ln(b)]
 }

@@ -14,7 +14,7 @@
 use super::{
     lanes::{LANES, Lanes},
     patch::{CHANNELS, Patch},
-    sweep::{Coverer, MIN_LENGTH_PX, Sweep},
+    sweep::{BOX_PX, Coverer, MIN_LENGTH_PX, Sweep},
 };
 
 /// Parameters of the outline: centre along and across the path, radius, length, angle.
@@ -40,8 +40,6 @@ pub struct Fit {
     pub covariance: [[f64; OUTLINE]; OUTLINE],
     /// Mean of the robust squared residual over the pixels, in units of their variance.
     pub chi2: f32,
-    /// Whether the path was fitted, or is taken as none.
-    pub moving: bool,
 }
 
 /// Sums over a patch that a step needs.
@@ -70,7 +68,7 @@ fn accumulate_body(
     scale: f32,
     sums: &mut Sums,
 ) {
-    let coverer = Coverer::new(sweep, &patch.light);
+    let coverer = Coverer::new(sweep, &patch.light, BOX_PX);
     let softness = Lanes::all(1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
     let one = Lanes::all(1.0);
     let saturated = Lanes::all(SATURATED);
@@ -89,18 +87,19 @@ fn accumulate_body(
             let inverse_sigma = Lanes::load(&samples.inverse_sigma, at);
             let mut ball = Lanes::ZERO;
             for (term, place) in terms.iter().zip(&coverage.place) {
-                ball = ball + *term * *place;
+                ball = term.times_plus(*place, ball);
             }
             let contrast = ball - background;
-            let model = background + coverage.alpha * contrast;
+            let model = coverage.alpha.times_plus(contrast, background);
             // A saturated pixel says only that the ball is at least this bright.
             let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
             let residual = (seen - model) * informs;
             let z = residual * inverse_sigma;
-            let robust = (one + z * z * softness).recip();
+            let square = z * z;
+            let robust = square.times_plus(softness, one).recip();
             // Both factors of a product carry the root of the weight.
             let root = robust.sqrt() * inverse_sigma * informs;
-            cost = cost + z * z * robust;
+            cost = square.times_plus(robust, cost);
             weight_sum = weight_sum + robust.where_positive(inverse_sigma);
             let residual = residual * root;
             let contrast = contrast * root;
@@ -110,21 +109,21 @@ fn accumulate_body(
             let mut n = 0;
             for i in 0..OUTLINE {
                 for j in 0..=i {
-                    outline[n] = outline[n] + slopes[i] * slopes[j];
+                    outline[n] = slopes[i].times_plus(slopes[j], outline[n]);
                     n += 1;
                 }
-                outline_residual[i] = outline_residual[i] + slopes[i] * residual;
+                outline_residual[i] = slopes[i].times_plus(residual, outline_residual[i]);
                 for j in 0..SHADING {
-                    mixed[i][j] = mixed[i][j] + slopes[i] * shades[j];
+                    mixed[i][j] = slopes[i].times_plus(shades[j], mixed[i][j]);
                 }
             }
             let mut n = 0;
             for i in 0..SHADING {
                 for j in 0..=i {
-                    own[n] = own[n] + shades[i] * shades[j];
+                    own[n] = shades[i].times_plus(shades[j], own[n]);
                     n += 1;
                 }
-                own_residual[i] = own_residual[i] + shades[i] * residual;
+                own_residual[i] = shades[i].times_plus(residual, own_residual[i]);
             }
         }
         let mut n = 0;
@@ -158,9 +157,9 @@ fn accumulate_body(
 }
 
 /// # Safety
-/// The processor has AVX2.
+/// The processor has AVX2 and FMA.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 unsafe fn accumulate_avx2(
     patch: &Patch,
     sweep: &Sweep,
@@ -199,7 +198,7 @@ impl Sums {
     fn over(patch: &Patch, sweep: &Sweep, shading: &[[f32; SHADING]; CHANNELS], scale: f32) -> Self {
         let mut sums = Self::EMPTY;
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             // SAFETY: just asked.
             unsafe { accumulate_avx2(patch, sweep, shading, scale, &mut sums) };
             return sums;
@@ -247,6 +246,14 @@ struct Eliminated {
     solved: [[[f64; OUTLINE + 1]; SHADING]; CHANNELS],
 }
 
+/// Spreads of the shading's terms, in units of the ball's contrast: the level is free; its slopes, by which light
+/// from all around differs from place to place, are small; the lamp's direction is nearly known.
+const SPREADS: [f64; SHADING] = [20.0, 0.15, 0.15, 2.0, 0.3, 0.3];
+
+/// Light from all around against that of the lamp, and how much a hall may differ from it. Without this a dark
+/// half of a small ball could as well be the background beside a smaller one, or a larger one's.
+const AMBIENT: (f64, f64) = (0.35, 0.25);
+
 fn eliminate(
     sums: &Sums,
     shading: &[[f32; SHADING]; CHANNELS],
@@ -264,15 +271,7 @@ fn eliminate(
         let mut a = sums.shading[channel];
         let mut b = [[0.0; OUTLINE + 1]; SHADING];
         for j in 0..SHADING {
-            // Shading is smooth: its slopes and curvatures are of the order of the contrast itself, which
-            // keeps them in bounds on the smallest balls.
-            let spread = if j == 0 {
-                20.0
-            } else if j < 3 {
-                0.6
-            } else {
-                0.4
-            } * typical[channel];
+            let spread = SPREADS[j] * typical[channel];
             let tie = 1.0 / (spread * spread);
             a[j][j] += tie;
             for i in 0..OUTLINE {
@@ -281,6 +280,16 @@ fn eliminate(
             let from = if j == 0 { 0.0 } else { f64::from(shading[channel][j]) };
             b[j][OUTLINE] = sums.shading_residual[channel][j] - tie * from;
         }
+        let [ambient, lamp] = [0, 3].map(|j| f64::from(shading[channel][j]));
+        let (ratio, spread) = AMBIENT;
+        let weight = (spread * (typical[channel] + ambient.max(0.0) + lamp.max(0.0))).powi(-2);
+        let off = ambient - ratio * lamp;
+        a[0][0] += weight;
+        a[0][3] -= weight * ratio;
+        a[3][0] -= weight * ratio;
+        a[3][3] += weight * ratio * ratio;
+        b[0][OUTLINE] -= weight * off;
+        b[3][OUTLINE] += weight * ratio * off;
         if !cholesky_solve(&mut a, &mut b) {
             return None;
         }
@@ -299,86 +308,117 @@ fn eliminate(
 }
 
 /// Most steps of one fit.
-const MAX_STEPS: usize = 8;
+const MAX_STEPS: usize = 7;
 
-/// A step of the centre shorter than this ends the fit, px.
-const CONVERGED_PX: f32 = 0.01;
+/// A step of the centre shorter than this is the last one, px: steps shrink quadratically, so that what
+/// remains after it is far below a hundredth of a pixel.
+const CONVERGED_PX: f64 = 0.06;
 
-/// Fits the outline, starting from `start`; the path is fitted where `moving`, else taken as none. `typical` is the size of its contrast by colour, DN.
-/// None where the pixels do not determine it.
-pub fn fit(
+/// Robust scales of the first steps: they narrow as the fit comes closer.
+const SCALES: [f32; 2] = [4.0, 1.6];
+
+/// Mean robust square residual from which on nothing round is there, in units of the variance; at most it is
+/// [`ROBUST_SIGMAS`]².
+const HOPELESS_CHI2: f64 = 6.0;
+
+/// Fits the outline and its path, starting from `start`. `typical` is the size of its contrast by colour, DN.
+/// None where the pixels do not determine it, or are those of something else.
+pub fn fit(patch: &Patch, start: Sweep, prior: &Prior, typical: &[f64; CHANNELS]) -> Option<Fit> {
+    let mut shading = [[0.0_f32; SHADING]; CHANNELS];
+    // The shading first, with the outline held: no robust weights, since nothing is known yet.
+    let sums = Sums::over(patch, &start, &shading, 1e3);
+    let eliminated = eliminate(&sums, &shading, typical)?;
+    apply_shading(&mut shading, &eliminated, &[0.0; OUTLINE]);
+    descend(patch, Guess { sweep: start, shading }, 0, prior, typical)
+}
+
+/// Fits again from a result for other pixels or other light.
+pub fn fit_again(patch: &Patch, from: &Fit, prior: &Prior, typical: &[f64; CHANNELS]) -> Option<Fit> {
+    let guess = Guess { sweep: from.sweep, shading: from.shading };
+    descend(patch, guess, SCALES.len(), prior, typical)
+}
+
+/// Steps from a guess to the least cost, beginning with step `first`.
+fn descend(
     patch: &Patch,
-    start: Sweep,
-    moving: bool,
+    start: Guess,
+    first: usize,
     prior: &Prior,
     typical: &[f64; CHANNELS],
 ) -> Option<Fit> {
-    let mut sweep = start;
-    if !moving {
-        sweep.length = MIN_LENGTH_PX;
-        sweep.angle = 0.0;
-    }
-    let free = if moving { OUTLINE } else { 3 };
-    let mut shading = [[0.0_f32; SHADING]; CHANNELS];
-    // The shading first, with the outline held: no robust weights, since nothing is known yet.
-    let sums = Sums::over(patch, &sweep, &shading, 1e3);
-    let eliminated = eliminate(&sums, &shading, typical)?;
-    apply_shading(&mut shading, &eliminated, &[0.0; OUTLINE]);
-
-    let mut scale = 4.0_f32;
-    let mut damping = 1e-3;
-    let mut best: Option<(Sweep, [[f32; SHADING]; CHANNELS], f64)> = None;
-    let mut last: Option<(Sums, Eliminated)> = None;
-    let mut last_step = f32::MAX;
-    let mut sums = Sums::over(patch, &sweep, &shading, scale);
-    for _ in 0..MAX_STEPS {
-        let cost = sums.cost + prior_cost(prior, &sweep);
-        let accepted = best.as_ref().is_none_or(|(_, _, least)| cost <= least * 1.000_01);
-        if accepted {
-            best = Some((sweep, shading, cost));
-            let eliminated = eliminate(&sums, &shading, typical)?;
-            last = Some((sums, eliminated));
-            if last_step < CONVERGED_PX && scale <= 1.0 {
-                break;
-            }
-            damping = f64::max(damping * 0.2, 1e-6);
+    let ties = Ties::around(&start.sweep, prior);
+    let mut at = start;
+    let mut best: Option<Best> = None;
+    let mut damping = 1e-4;
+    for round in first..MAX_STEPS {
+        let scale = SCALES.get(round).copied().unwrap_or(1.0);
+        let sums = Sums::over(patch, &at.sweep, &at.shading, scale);
+        let cost = sums.cost + ties.cost(&at.sweep);
+        let chi2 = sums.cost / sums.weight.max(1.0);
+        // Costs of two scales cannot be compared.
+        let worse = round > SCALES.len() && best.as_ref().is_some_and(|best| cost > best.cost * 1.000_1);
+        if worse {
+            damping *= 100.0;
         } else {
-            damping *= 10.0;
-            if damping > 1e4 {
-                break;
+            if round > SCALES.len() && chi2 > HOPELESS_CHI2 {
+                return None;
             }
+            let eliminated = eliminate(&sums, &at.shading, typical)?;
+            best = Some(Best { guess: at, cost, chi2, eliminated });
         }
-        // The robust scale narrows as the fit comes closer; a new scale is a new cost.
-        if accepted && scale > 1.0 {
-            scale = if last_step < 0.3 { 1.0 } else { f32::max(1.0, scale * 0.6) };
-            let (from, shade, _) = best.as_ref()?;
-            let rescaled = Sums::over(patch, from, shade, scale);
-            let eliminated = eliminate(&rescaled, shade, typical)?;
-            if let Some(best) = &mut best {
-                best.2 = rescaled.cost + prior_cost(prior, &best.0);
-            }
-            last = Some((rescaled, eliminated));
+        let best = best.as_ref()?;
+        let step = outline_step(&best.eliminated, &best.guess.sweep, &ties, damping)?;
+        let (sweep, taken) = moved(&best.guess.sweep, &step);
+        at = Guess { sweep, shading: best.guess.shading };
+        apply_shading(&mut at.shading, &best.eliminated, &taken);
+        if scale <= 1.0 && !worse && taken[0].hypot(taken[1]) + taken[2].abs() < CONVERGED_PX {
+            break;
         }
-        let (from, from_shading, _) = best.as_ref()?;
-        let (_, eliminated) = last.as_ref()?;
-        let step = outline_step(eliminated, from, prior, free, damping)?;
-        let (next, taken) = moved(from, &step);
-        let mut next_shading = *from_shading;
-        apply_shading(&mut next_shading, eliminated, &taken);
-        last_step = (taken[0].hypot(taken[1])) as f32;
-        sweep = next;
-        shading = next_shading;
-        sums = Sums::over(patch, &sweep, &shading, scale);
     }
-    let (sweep, shading, _) = best?;
-    let (sums, eliminated) = last?;
-    let chi2 = (sums.cost / sums.weight.max(1.0)) as f32;
-    let covariance = outline_covariance(&eliminated, &sweep, prior, free)?;
-    Some(Fit { sweep, shading, covariance, chi2, moving })
+    let best = best?;
+    let covariance = outline_covariance(&best.eliminated, &best.guess.sweep, &ties)?;
+    Some(Fit { sweep: at.sweep, shading: at.shading, covariance, chi2: best.chi2 as f32 })
 }
 
-fn prior_cost(prior: &Prior, sweep: &Sweep) -> f64 {
-    prior.radius.map_or(0.0, |(radius, sigma)| f64::from((sweep.radius - radius) / sigma).powi(2))
+/// An outline with its shading.
+#[derive(Clone, Copy)]
+struct Guess {
+    sweep: Sweep,
+    shading: [[f32; SHADING]; CHANNELS],
+}
+
+/// The best guess so far, with what the pixels say of it.
+struct Best {
+    guess: Guess,
+    cost: f64,
+    chi2: f64,
+    eliminated: Eliminated,
+}
+
+/// What holds parameters that the pixels may leave open: a ball at rest has no direction, and on small ones
+/// radius and path look alike.
+struct Ties {
+    /// Value and weight (1 / variance) by parameter of the sweep: radius, length, angle.
+    by_parameter: [(f32, f64); 3],
+}
+
+impl Ties {
+    fn around(start: &Sweep, prior: &Prior) -> Self {
+        let radius = prior
+            .radius
+            .map_or((start.radius, 0.0), |(radius, sigma)| (radius, 1.0 / f64::from(sigma * sigma)));
+        let reach = f64::from(0.15 * start.radius + 0.5 * start.length);
+        Self { by_parameter: [radius, (start.length, 1.0 / (reach * reach)), (start.angle, 1.0)] }
+    }
+
+    fn offsets(&self, sweep: &Sweep) -> [f64; 3] {
+        let now = [sweep.radius, sweep.length, sweep.angle];
+        std::array::from_fn(|i| f64::from(self.by_parameter[i].0 - now[i]))
+    }
+
+    fn cost(&self, sweep: &Sweep) -> f64 {
+        self.offsets(sweep).iter().zip(&self.by_parameter).map(|(d, (_, weight))| weight * d * d).sum()
+    }
 }
 
 fn apply_shading(shading: &mut [[f32; SHADING]; CHANNELS], eliminated: &Eliminated, taken: &[f64; OUTLINE]) {
@@ -390,38 +430,23 @@ fn apply_shading(shading: &mut [[f32; SHADING]; CHANNELS], eliminated: &Eliminat
     }
 }
 
-/// The normal matrix with the prior; what is not free is held fast.
+/// The normal matrix with the ties.
 fn normal(
     eliminated: &Eliminated,
     sweep: &Sweep,
-    prior: &Prior,
-    free: usize,
+    ties: &Ties,
 ) -> ([[f64; OUTLINE]; OUTLINE], [f64; OUTLINE]) {
     let (mut a, mut b) = (eliminated.reduced, eliminated.right);
-    if let Some((radius, sigma)) = prior.radius {
-        let weight = 1.0 / f64::from(sigma * sigma);
-        a[2][2] += weight;
-        b[2] += weight * f64::from(radius - sweep.radius);
-    }
-    for i in free..OUTLINE {
-        for j in 0..OUTLINE {
-            a[i][j] = 0.0;
-            a[j][i] = 0.0;
-        }
-        a[i][i] = 1.0;
-        b[i] = 0.0;
+    for (i, offset) in ties.offsets(sweep).into_iter().enumerate() {
+        let weight = ties.by_parameter[i].1;
+        a[i + 2][i + 2] += weight;
+        b[i + 2] += weight * offset;
     }
     (a, b)
 }
 
-fn outline_step(
-    eliminated: &Eliminated,
-    sweep: &Sweep,
-    prior: &Prior,
-    free: usize,
-    damping: f64,
-) -> Option<[f64; OUTLINE]> {
-    let (mut a, b) = normal(eliminated, sweep, prior, free);
+fn outline_step(eliminated: &Eliminated, sweep: &Sweep, ties: &Ties, damping: f64) -> Option<[f64; OUTLINE]> {
+    let (mut a, b) = normal(eliminated, sweep, ties);
     for (i, row) in a.iter_mut().enumerate() {
         row[i] += damping * row[i].abs() + 1e-9;
     }
@@ -432,10 +457,9 @@ fn outline_step(
 fn outline_covariance(
     eliminated: &Eliminated,
     sweep: &Sweep,
-    prior: &Prior,
-    free: usize,
+    ties: &Ties,
 ) -> Option<[[f64; OUTLINE]; OUTLINE]> {
-    let (mut a, _) = normal(eliminated, sweep, prior, free);
+    let (mut a, _) = normal(eliminated, sweep, ties);
     let mut inverse = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     cholesky_solve(&mut a, &mut inverse).then_some(inverse)
 }

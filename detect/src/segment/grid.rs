@@ -32,6 +32,14 @@ impl Grid {
         if self.scale == 2 { 0.5 * (at - 0.5) } else { at }
     }
 
+    /// The first searched pixel, along one axis, of the cell at a coordinate of the frame, px; none before the
+    /// first.
+    #[inline]
+    pub fn searched(self, at: f64) -> Option<usize> {
+        let at = if self.scale == 2 { 2.0 * at + 0.5 } else { at };
+        (at >= 0.0).then_some(at as usize & !1)
+    }
+
     /// The searched pixels whose places may lie from `low` to `high`, of `size`; whole cells.
     pub fn range(self, low: f64, high: f64, size: usize) -> std::ops::Range<usize> {
         let scale = self.scale as f64;

@@ -46,6 +46,16 @@ impl Lanes {
         Self(out)
     }
 
+    /// `self × factor + summand`, rounded once.
+    #[inline(always)]
+    pub fn times_plus(self, factor: Self, summand: Self) -> Self {
+        let mut out = self.0;
+        for ((lane, factor), summand) in out.iter_mut().zip(factor.0).zip(summand.0) {
+            *lane = lane.mul_add(factor, summand);
+        }
+        Self(out)
+    }
+
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         self.each(f32::sqrt)

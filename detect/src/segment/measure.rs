@@ -6,13 +6,13 @@ use netcord_common::{Channel, FrameView, PixelFormat};
 use super::{
     background::Background,
     candidate::{DIAMETER_PX, LONGEST_PATH_PX, Start},
-    fit::{Fit, Prior, fit},
+    fit::{Fit, Prior, fit, fit_again},
     grid::Grid,
     lanes::{LANES, Lanes},
     noise::Noise,
     patch::{CHANNELS, MAX_SAMPLES, Patch, Rectifier, Sample, margin, near},
     sphere::Place,
-    sweep::{Coverer, Sweep},
+    sweep::{BOX_PX, Coverer, Sweep},
 };
 
 /// What lies behind the ball.
@@ -67,17 +67,40 @@ const MODEL_ERROR: f32 = 0.03;
 
 /// Turns of the light smaller than this change nothing that matters, rad.
 const LEAST_TURN: f32 = 0.1;
-/// Most turns of the light for one candidate.
-const MAX_TURNS: usize = 2;
+/// Mean robust square residual, in units of the variance, of a fit that leaves nothing to be explained.
+const GOOD_CHI2: f32 = 1.0;
+/// Light weaker than this has no direction, DN.
+const LEAST_LIGHT: f32 = 10.0;
+/// Pixels that are enough to tell a ball from other things.
+const GLANCE_SAMPLES: usize = 400;
+/// Standard deviation of the centre from which on more pixels are worth their time, px.
+const WORTH_MORE_PX: f64 = 0.03;
+/// Looks again at most.
+const MAX_LOOKS: usize = 1;
+/// Mean robust square residual of a fit that is not worth a second look.
+const POOR_CHI2: f32 = 3.0;
+
+/// A step along a row of cells per row, coprime with `n`, that spreads every `n`th cell evenly: about the
+/// golden section of `n`.
+fn lattice_step(n: usize) -> usize {
+    let coprime = |step: usize| {
+        let (mut a, mut b) = (step, n);
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a == 1
+    };
+    let golden = (n as f64 * 0.381_966).round().max(1.0) as usize;
+    (golden..=n).find(|step| coprime(*step)).unwrap_or(1)
+}
 
 impl Scene<'_> {
-    /// Takes the pixels on and around a sweep into the patch.
-    fn gather(&self, patch: &mut Patch, rectifier: &Rectifier, sweep: &Sweep) {
+    /// Takes about `wanted` of the pixels on and around a sweep into the patch, spread evenly.
+    fn gather(&self, patch: &mut Patch, rectifier: &Rectifier, sweep: &Sweep, wanted: usize) {
         let reach = margin(sweep.radius);
         let whole = Sweep { radius: sweep.radius + reach, ..*sweep };
         let per_pixel = (self.grid.scale * self.grid.scale) as f32;
-        let decimation =
-            (whole.area() * per_pixel / (0.8 * MAX_SAMPLES as f32)).sqrt().ceil().max(1.0) as usize;
+        let decimation = (whole.area() * per_pixel / wanted as f32).ceil().max(1.0) as usize;
         patch.clear(decimation);
         let [half_width, half_height] = rectifier.half_extent_px(f64::from(whole.radius));
         let path = rectifier.offset_px(sweep.path().map(f64::from));
@@ -87,34 +110,35 @@ impl Scene<'_> {
         let rows = self.grid.range(centre[1] - half_height, centre[1] + half_height, self.view.height() & !1);
         let (sin, cos) = sweep.angle.sin_cos();
         let noise = self.noise();
-        'rows: for y in rows {
-            if !(y / 2).is_multiple_of(decimation) {
-                continue;
-            }
-            let row = self.view.row(y);
-            let place_y = self.grid.place(y);
-            for x in columns.clone() {
-                if !(x / 2).is_multiple_of(decimation) {
-                    continue;
-                }
-                let place = [self.grid.place(x), place_y];
-                let [u, v] = rectifier.rectify(place);
-                if !near(sweep, [cos, sin], reach, u as f32, v as f32) {
-                    continue;
-                }
-                let seen = f32::from(row[x]);
-                let background = match self.behind {
-                    Behind::Learnt(background) => background.expected(x, y),
-                    Behind::Around(_) => seen,
-                };
-                let sigma = noise.sigma(seen.max(background)) + MODEL_ERROR * (seen - background).abs();
-                let channel = match self.view.format().channel_at(x, y) {
-                    Channel::Red | Channel::Luma => 0,
-                    Channel::Green => 1,
-                    Channel::Blue => 2,
-                };
-                if !patch.push(rectifier, &Sample { place, channel, seen, background, sigma }) {
-                    break 'rows;
+        let lattice = lattice_step(decimation);
+        'rows: for cell_y in rows.step_by(2) {
+            // A lattice of rank one: every `decimation`th cell of a row, shifted from row to row.
+            let first = columns.start / 2;
+            let shift = (cell_y / 2 * lattice + first) % decimation;
+            let skipped = (decimation - shift) % decimation;
+            for cell_x in (columns.start + 2 * skipped..columns.end).step_by(2 * decimation) {
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    let (x, y) = (cell_x + dx, cell_y + dy);
+                    let place = [self.grid.place(x), self.grid.place(y)];
+                    let [u, v] = rectifier.rectify(place);
+                    if !near(sweep, [cos, sin], reach, u as f32, v as f32) {
+                        continue;
+                    }
+                    let seen = f32::from(self.view.row(y)[x]);
+                    let background = match self.behind {
+                        Behind::Learnt(background) => background.expected(x, y),
+                        Behind::Around(_) => seen,
+                    };
+                    let sigma = noise.sigma(seen.max(background)) + MODEL_ERROR * (seen - background).abs();
+                    let channel = match self.view.format().channel_at(x, y) {
+                        Channel::Red | Channel::Luma => 0,
+                        Channel::Green => 1,
+                        Channel::Blue => 2,
+                    };
+                    let rectified = [u as f32, v as f32];
+                    if !patch.push(&Sample { rectified, channel, seen, background, sigma }) {
+                        break 'rows;
+                    }
                 }
             }
         }
@@ -131,68 +155,94 @@ impl Scene<'_> {
         }
     }
 
-    /// Measures a candidate; `prior` is what the search window says of its size. None where nothing round
-    /// can be fitted.
-    pub fn measure(
+    /// Measures a candidate from some of its pixels; `prior` is what the search window says of its size. None
+    /// where nothing round can be fitted.
+    pub fn glance(
         &self,
         patch: &mut Patch,
         start: &Start,
         prior: &Prior,
         light: &Vector3<f64>,
     ) -> Option<Measured> {
-        let mut sweep = start.sweep;
-        let mut light = *light;
-        patch.light = start.place.light(&light);
-        self.gather(patch, &start.place.rectifier, &sweep);
-        let mut found = fit_either(patch, &sweep, prior)?;
-        // Pixels around the outline decide: where it moved to the patch's edge, look again.
-        let reach = margin(sweep.radius);
-        for _ in 0..2 {
+        patch.light = start.place.light(light);
+        let found = self.settle(patch, &start.place.rectifier, start.sweep, None, prior, GLANCE_SAMPLES)?;
+        Some(self.judge(patch, start.place, found, light))
+    }
+
+    /// Measures again, as well as the pixels allow: all of them where some leave the centre uncertain, and with
+    /// the light turned to where they show it. The same where nothing better can be had.
+    pub fn refine(&self, patch: &mut Patch, glanced: Measured, prior: &Prior) -> Measured {
+        let (place, mut light, mut found) = (glanced.place, glanced.light, glanced.fit);
+        let spread =
+            found.covariance[0][0].max(found.covariance[1][1]).sqrt() * f64::from(found.chi2.max(1.0));
+        if patch.decimation > 1 && spread > WORTH_MORE_PX {
+            let wanted = MAX_SAMPLES * 4 / 5;
+            match self.settle(patch, &place.rectifier, found.sweep, Some(found), prior, wanted) {
+                Some(better) => found = better,
+                None => return glanced,
+            }
+        }
+        // The light's direction to first order, then anew from there.
+        let turn = found.light_turn();
+        if turn[0].hypot(turn[1]) > LEAST_TURN
+            && found.chi2 > GOOD_CHI2
+            && found.shading.iter().any(|s| s[3] > LEAST_LIGHT)
+        {
+            let turned = place.turned(&light, turn);
+            patch.light = place.light(&turned);
+            match fit_again(patch, &found, prior, &contrasts(patch, &found.sweep)) {
+                Some(better) if better.chi2 <= found.chi2 && in_bounds(&better.sweep) => {
+                    (found, light) = (better, turned);
+                }
+                _ => patch.light = place.light(&light),
+            }
+        }
+        self.judge(patch, place, found, &light)
+    }
+
+    /// Fits, and looks again where the outline has moved to the edge of what was looked at: pixels around the
+    /// outline decide.
+    fn settle(
+        &self,
+        patch: &mut Patch,
+        rectifier: &Rectifier,
+        mut sweep: Sweep,
+        mut before: Option<Fit>,
+        prior: &Prior,
+        wanted: usize,
+    ) -> Option<Fit> {
+        let mut rounds = 0;
+        loop {
+            self.gather(patch, rectifier, &sweep, wanted);
+            let typical = contrasts(patch, &sweep);
+            let found = match &before {
+                Some(before) => fit_again(patch, before, prior, &typical),
+                None => fit(patch, sweep, prior, &typical),
+            }?;
+            if !in_bounds(&found.sweep) {
+                return None;
+            }
             let shift =
                 (found.sweep.centre[0] - sweep.centre[0]).hypot(found.sweep.centre[1] - sweep.centre[1]);
             let growth =
                 (found.sweep.radius - sweep.radius).max(0.0).max(0.5 * (found.sweep.length - sweep.length));
             let turn = (found.sweep.angle - sweep.angle).sin().abs() * 0.5 * found.sweep.length;
             let around = matches!(self.behind, Behind::Around(_));
-            if shift + growth + turn < 0.5 * reach && !(around && found.sweep.radius < 0.8 * sweep.radius) {
-                break;
+            let near = shift + growth + turn < 0.5 * margin(sweep.radius)
+                && !(around && found.sweep.radius < 0.8 * sweep.radius);
+            rounds += 1;
+            if near || rounds > MAX_LOOKS || found.chi2 > POOR_CHI2 {
+                return Some(found);
             }
-            sweep = found.sweep;
-            if !in_bounds(&sweep) {
-                return None;
-            }
-            self.gather(patch, &start.place.rectifier, &sweep);
-            found = fit_either(patch, &sweep, prior)?;
+            (sweep, before) = (found.sweep, Some(found));
         }
-        // The light's direction to first order, then anew from there.
-        for _ in 0..MAX_TURNS {
-            let turn = found.light_turn();
-            if turn[0].hypot(turn[1]) < LEAST_TURN || found.shading.iter().all(|s| s[3] < 10.0) {
-                break;
-            }
-            let turned = start.place.turned(&light, turn);
-            patch.light = start.place.light(&turned);
-            let Some(better) = fit(patch, found.sweep, found.moving, prior, &contrasts(patch, &found.sweep))
-            else {
-                break;
-            };
-            if better.chi2 > found.chi2 {
-                break;
-            }
-            (found, light) = (better, turned);
-        }
-        patch.light = start.place.light(&light);
-        if !in_bounds(&found.sweep) {
-            return None;
-        }
-        Some(self.judge(patch, start, found, &light))
     }
 
-    fn judge(&self, patch: &Patch, start: &Start, found: Fit, light: &Vector3<f64>) -> Measured {
-        let coverer = Coverer::new(&found.sweep, &patch.light);
+    fn judge(&self, patch: &Patch, place: Place, found: Fit, light: &Vector3<f64>) -> Measured {
+        let coverer = Coverer::new(&found.sweep, &patch.light, BOX_PX);
         let peak = (2.0 * found.sweep.radius / found.sweep.length.max(1e-3)).min(1.0);
         let mut out = Measured {
-            place: start.place,
+            place,
             light: *light,
             fit: found,
             levels: [0.0; CHANNELS],
@@ -250,7 +300,7 @@ impl Scene<'_> {
             out.around[channel] = around / around_count.max(1.0);
         }
         out.misfit = (left.max(0.0) / changed.max(1.0)).sqrt();
-        out.signal = (signal * (patch.decimation * patch.decimation) as f32).sqrt();
+        out.signal = (signal * patch.decimation as f32).sqrt();
         out.clutter = clutter / outside.max(1.0);
         out.hidden = hidden / inside.max(1.0);
         if self.view.format() == PixelFormat::Mono8 {
@@ -267,39 +317,6 @@ fn in_bounds(sweep: &Sweep) -> bool {
     (DIAMETER_PX.0..=DIAMETER_PX.1).contains(&diameter)
         && sweep.length <= LONGEST_PATH_PX
         && sweep.centre.iter().all(|c| c.is_finite())
-}
-
-/// Robust mean square residual, in units of the variance, of a fit that leaves nothing to be explained.
-const GOOD_CHI2: f32 = 1.0;
-
-/// Fits with or without a path, as the pixels want it.
-fn fit_either(patch: &Patch, start: &Sweep, prior: &Prior) -> Option<Fit> {
-    let typical = contrasts(patch, start);
-    let moving = start.length > 0.7 * start.radius;
-    let first = fit(patch, *start, moving, prior, &typical);
-    match first {
-        Some(found) if found.moving && found.sweep.length > 1.0 => Some(found),
-        // A path that has shrunk to nothing is none: with none there is less to be determined.
-        Some(found) if found.moving => fit(patch, found.sweep, false, prior, &typical).or(Some(found)),
-        // A short path that the pixels do not ask for would only widen the covariance.
-        Some(still) if still.chi2 < GOOD_CHI2 && start.length < 0.45 * start.radius => Some(still),
-        Some(still) => {
-            let length = (0.6 * start.radius).max(start.length).max(1.5);
-            let guess = Sweep { length, angle: start.angle, ..still.sweep };
-            match fit(patch, guess, true, prior, &typical) {
-                // Two parameters more must earn their place.
-                Some(swept)
-                    if swept.sweep.length > 0.8
-                        && (swept.chi2 < 0.9 * still.chi2
-                            || (swept.chi2 - still.chi2) * (patch.count as f32) < -12.0 * swept.chi2) =>
-                {
-                    Some(swept)
-                }
-                _ => Some(still),
-            }
-        }
-        None => fit(patch, *start, !moving, prior, &typical),
-    }
 }
 
 /// The size of the ball's contrast by colour: the root mean square change over the patch's busier half, DN,

@@ -6,8 +6,8 @@ use super::{
 /// Colours of a patch: red, green, blue; grey frames have only the first.
 pub const CHANNELS: usize = 3;
 
-/// Most pixels of one patch. Of larger regions only every second, third … cell is taken: this many give
-/// the centre to a hundredth of a pixel already.
+/// Most pixels of one patch. Of larger regions only some cells are taken: this many give the centre to a
+/// hundredth of a pixel already.
 pub const MAX_SAMPLES: usize = 2400;
 
 /// The linear map between a neighbourhood of the image and coordinates in which the ball's outline is a
@@ -98,7 +98,7 @@ impl Samples {
 pub struct Patch {
     /// By colour.
     pub channels: [Samples; CHANNELS],
-    /// Pixels of the frame that one sample stands for.
+    /// Cells of the frame that one cell of samples stands for.
     pub decimation: usize,
     /// Samples without padding.
     pub count: usize,
@@ -109,8 +109,8 @@ pub struct Patch {
 /// One pixel as the patch takes it.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {
-    /// Place in the frame, px.
-    pub place: [f64; 2],
+    /// Rectified place.
+    pub rectified: [f32; 2],
     /// 0 red or grey, 1 green, 2 blue.
     pub channel: usize,
     /// Level seen, DN.
@@ -143,14 +143,13 @@ impl Patch {
 
     /// Adds a pixel; returns false where there is no more room.
     #[inline]
-    pub fn push(&mut self, rectifier: &Rectifier, sample: &Sample) -> bool {
+    pub fn push(&mut self, sample: &Sample) -> bool {
         let samples = &mut self.channels[sample.channel];
         if self.count >= MAX_SAMPLES {
             return false;
         }
-        let [x, y] = rectifier.rectify(sample.place);
-        samples.x.push(x as f32);
-        samples.y.push(y as f32);
+        samples.x.push(sample.rectified[0]);
+        samples.y.push(sample.rectified[1]);
         samples.seen.push(sample.seen);
         samples.background.push(sample.background);
         samples.inverse_sigma.push(1.0 / sample.sigma);

@@ -12,7 +12,7 @@ use super::{
     background::{Background, PixelBox, ZONE_PX},
     blobs::{Blob, BlobFinder},
     candidate::{Start, centre_px, is_of_size, start},
-    colour::{ColourModel, SceneLight},
+    colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
     fit::{OUTLINE, Prior},
     grid::Grid,
@@ -27,13 +27,21 @@ use super::{
 
 /// Fits per frame, at most: the likeliest blobs come first.
 const MAX_FITS: usize = 5;
+/// Rank of a start up to which it is looked at only where nothing better is found, and how many such.
+const UNLIKELY: f32 = 0.03;
+const MAX_UNLIKELY: usize = 3;
+/// Frames in one place after which a candidate no longer makes others unlikely.
+const FEW_FRAMES: u32 = 3;
 /// Fits per frame where nothing is known of the background.
-const MAX_FITS_ALONE: usize = 40;
+const MAX_FITS_ALONE: usize = 16;
 /// Pixels that the fits of one frame may look at together, beyond the first fit. A ball of 20 px with 100 px of
 /// blur takes 4,000; the limbs and shirts of players take 20,000 each and more, and would cost the frames behind.
 const MAX_FIT_PX2: f32 = 12_000.0;
 /// What a fit looks at around the outline, both sides together, px.
 const FIT_MARGIN_PX: f32 = 12.0;
+
+/// Score of a ball that may teach what balls look like here.
+const SURE: f64 = 0.6;
 
 /// Frames between two looks at the colour of the scene's light.
 const LIGHT_EVERY: u64 = 64;
@@ -245,7 +253,7 @@ impl Segmenter {
         self.finder.find(&self.words, words_per_row, rows.start / 2..rows.end / 2);
         let prior = self.prior(window);
         self.starts.clear();
-        self.collect_starts();
+        self.collect_starts(view);
         self.measure_starts(view, false, &prior, 3);
     }
 
@@ -254,7 +262,7 @@ impl Segmenter {
         let diameter = window.diameter_px as f32;
         if diameter > 1.0 {
             // Prediction knows the depth to a few per cent.
-            Prior { radius: Some((0.5 * diameter, 0.03 * diameter + 0.15)) }
+            Prior { radius: Some((0.5 * diameter, 0.015 * diameter + 0.08)) }
         } else {
             Prior::default()
         }
@@ -285,7 +293,7 @@ impl Segmenter {
                 return;
             }
             self.starts.clear();
-            self.collect_starts();
+            self.collect_starts(view);
             self.measure_starts(view, false, &Prior::default(), MAX_FITS);
         }
         if !known {
@@ -307,9 +315,9 @@ impl Segmenter {
     fn search_by_colour(&mut self, view: &FrameView<'_>, everywhere: bool) {
         let height = view.height() & !1;
         let words_per_row = self.background.words_per_row();
-        let mut gates = [super::kernel::ColourGate::OPEN; 2];
+        let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
         let mut count = 0;
-        for gate in self.colour.gates(&self.light).take(2) {
+        for gate in self.colour.gates(&self.light).take(MAX_MODELS) {
             gates[count] = gate;
             count += 1;
         }
@@ -325,14 +333,14 @@ impl Segmenter {
             }
             self.finder.find(&self.coloured, words_per_row, 0..height / 2);
             self.starts.clear();
-            self.collect_starts();
+            self.collect_starts(view);
             let most = if everywhere { MAX_FITS_ALONE / count.max(1) } else { MAX_FITS / 2 };
             self.measure_starts(view, everywhere, &Prior::default(), most);
         }
     }
 
     /// Turns the finder's blobs into starts, the likeliest first.
-    fn collect_starts(&mut self) {
+    fn collect_starts(&mut self, view: &FrameView<'_>) {
         for blob in self.finder.blobs() {
             if !is_of_size(blob) {
                 continue;
@@ -341,28 +349,54 @@ impl Segmenter {
             if self.found.iter().any(|f| covers(&f.item, centre)) {
                 continue;
             }
-            if let Some(start) = self.start_of(blob, centre) {
+            if let Some(start) = self.start_of(view, blob, centre) {
                 self.starts.push(start);
             }
         }
-        // Large ones first among the equally likely: noise makes small blobs.
-        let rank = |s: &Start| s.likeness * (s.sweep.area() / 40.0).min(1.0);
         self.starts.sort_unstable_by(|a, b| {
-            rank(b)
-                .total_cmp(&rank(a))
+            b.rank()
+                .total_cmp(&a.rank())
                 .then(a.place.rectifier.anchor[0].total_cmp(&b.place.rectifier.anchor[0]))
         });
     }
 
-    fn start_of(&self, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
-        start(blob, self.grid.scale, &sphere::place(&self.camera, centre))
+    fn start_of(&self, view: &FrameView<'_>, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
+        let start = start(blob, self.grid.scale, &sphere::place(&self.camera, centre))?;
+        let colour = if self.background.is_known() { self.glimpse(view, &start) } else { 1.0 };
+        Some(Start { colour, ..start })
+    }
+
+    /// How well a few cells of a start agree with the ball's colour, 0–1.
+    fn glimpse(&self, view: &FrameView<'_>, start: &Start) -> f32 {
+        // The share of the exposure for which the ball covers its path's middle.
+        let cover = (2.0 * start.sweep.radius / start.sweep.length.max(0.1)).min(1.0);
+        let (mut mean, mut count) = ([0.0; 3], 0.0);
+        for place in start.inside() {
+            let [x, y] = place.map(|p| self.grid.searched(p));
+            let (Some(x), Some(y)) = (x, y) else { continue };
+            if x + 1 >= view.width() || y + 1 >= view.height() {
+                continue;
+            }
+            let seen = cell_colour(view, x, y);
+            let behind = self.background.expected_colour(view.format(), x, y);
+            for i in 0..3 {
+                mean[i] += behind[i] + (seen[i] - behind[i]) / cover;
+            }
+            count += 1.0;
+        }
+        if count > 0.0 { self.colour.likeness(&self.light, mean.map(|m| m / count)) } else { 0.0 }
     }
 
     fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {
         let (mut fits, mut spent) = (0, 0.0);
         for i in 0..self.starts.len() {
             let start = self.starts[i];
-            if fits == most || self.found.len() == self.found.capacity() {
+            let unlikely = start.rank() <= UNLIKELY;
+            if unlikely && self.found.iter().any(|f| self.is_in_play(&f.item)) {
+                break;
+            }
+            let enough = if unlikely { MAX_UNLIKELY } else { most };
+            if fits >= enough || self.found.len() == self.found.capacity() {
                 break;
             }
             if self.found.iter().any(|f| covers(&f.item, start.place.rectifier.anchor)) {
@@ -382,17 +416,25 @@ impl Segmenter {
                 Behind::Learnt(&self.background)
             };
             let scene = Scene { view, grid: self.grid, behind };
-            let Some(measured) = scene.measure(&mut self.patch, &start, prior, &self.towards_light) else {
+            let Some(glanced) = scene.glance(&mut self.patch, &start, prior, &self.towards_light) else {
                 continue;
             };
-            let likeness = self.colour.likeness(&self.light, measured.levels);
-            let score = score(&measured, likeness);
-            if score < LEAST_SCORE {
+            let likeness = self.colour.likeness(&self.light, glanced.levels);
+            if score(&glanced, likeness) < LEAST_SCORE {
                 continue;
             }
+            let measured = scene.refine(&mut self.patch, glanced, prior);
+            let likeness = self.colour.likeness(&self.light, measured.levels);
+            let score = score(&measured, likeness);
             let item = self.detection(&measured, score);
             self.add(Found { item, measured, likeness });
         }
+    }
+
+    /// Whether a candidate is likely the ball, and has not stayed where it is.
+    fn is_in_play(&self, item: &Detection) -> bool {
+        item.score >= SCORE_THRESHOLD
+            && self.rest.frames_at([item.u_px, item.v_px], item.diameter_px) < FEW_FRAMES
     }
 
     /// Keeps a candidate unless a better one stands in its place.
@@ -412,7 +454,7 @@ impl Segmenter {
         let outline = rectifier.pixel(fit.sweep.centre.map(f64::from));
         let radius = f64::from(fit.sweep.radius);
         let path = rectifier.offset_px(fit.sweep.path().map(f64::from));
-        let moved = fit.moving && f64::from(fit.sweep.length) > 2.0 * fit.covariance[3][3].sqrt();
+        let moved = f64::from(fit.sweep.length) > 2.0 * fit.covariance[3][3].sqrt();
 
         let mut flags = 0;
         let mut centre = outline;
@@ -514,14 +556,14 @@ impl Segmenter {
             }
         }
         if let Some(best) = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))
-            && best.item.score > 0.75
+            && best.item.score > SURE
             && best.likeness > 0.25
             && best.measured.misfit < 0.15
             && best.measured.clutter < 0.2
             && self.background.is_known()
             && self.rest.frames_at([best.item.u_px, best.item.v_px], best.item.diameter_px) <= 1
         {
-            self.colour.learn(&self.light, best.measured.levels);
+            self.colour.learn(best.measured.levels);
             // Lamps hang here and there: a running mean over about ten balls.
             self.towards_light = (self.towards_light * 0.9 + best.measured.light * 0.1).normalize();
         }

@@ -6,6 +6,10 @@ use super::lanes::Lanes;
 /// its own 1/24th of a square, and a shorter one loses digits.
 pub const MIN_LENGTH_PX: f32 = 0.25;
 
+/// Width of the box that stands for the pixel together with the blur of an ordinary lens in focus (σ of about
+/// 0.3 px), px.
+pub const BOX_PX: f32 = 1.4;
+
 /// A swept disc in the rectified coordinates of a patch, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sweep {
@@ -55,7 +59,10 @@ pub struct Coverer {
     /// Keeps the derivative by the radius finite where it is not used.
     least_chord: Lanes,
     half_length: Lanes,
-    /// (L + 1) / 2 and (L − 1) / 2.
+    /// Width of the box that stands for the pixel and the lens's blur, px.
+    box_px: Lanes,
+    inverse_box: Lanes,
+    /// (L + box) / 2 and (L − box) / 2.
     ramps: [Lanes; 2],
     inverse_length: Lanes,
     /// The light's vectors, along the path, across it, and towards the camera.
@@ -71,7 +78,7 @@ const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), 
 
 impl Coverer {
     #[inline(always)]
-    pub fn new(sweep: &Sweep, light: &Light) -> Self {
+    pub fn new(sweep: &Sweep, light: &Light, box_px: f32) -> Self {
         let length = sweep.length.max(MIN_LENGTH_PX);
         let (sin, cos) = sweep.angle.sin_cos();
         Self {
@@ -82,7 +89,9 @@ impl Coverer {
             inverse_radius: Lanes::all(1.0 / sweep.radius),
             least_chord: Lanes::all((0.5 * sweep.radius).sqrt()),
             half_length: Lanes::all(0.5 * length),
-            ramps: [Lanes::all(0.5 * (length + 1.0)), Lanes::all(0.5 * (length - 1.0))],
+            box_px: Lanes::all(box_px),
+            inverse_box: Lanes::all(1.0 / box_px),
+            ramps: [Lanes::all(0.5 * (length + box_px)), Lanes::all(0.5 * (length - box_px))],
             inverse_length: Lanes::all(1.0 / length),
             light: light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(Lanes::all)),
         }
@@ -99,9 +108,10 @@ impl Coverer {
         let b = (x + inner).positive();
         let c = (x - inner).positive();
         let d = (x - outer).positive();
-        let share = half * (a * a - b * b - c * c + d * d) * self.inverse_length;
-        let slope = (a - b - c + d) * self.inverse_length;
-        let by_length = (half * (a - b + c - d) - share) * self.inverse_length;
+        let scale = self.inverse_length * self.inverse_box;
+        let share = half * (a * a - b * b - c * c + d * d) * scale;
+        let slope = (a - b - c + d) * scale;
+        let by_length = (half * (a - b + c - d) * self.inverse_box - share) * self.inverse_length;
         (share, slope, by_length)
     }
 
@@ -125,7 +135,7 @@ impl Coverer {
         let zero = Lanes::ZERO;
         let (mut alpha, mut by_s, mut by_r, mut by_l) = (zero, zero, zero, zero);
         for (node, weight) in NODES {
-            let w = w + Lanes::all(node);
+            let w = Lanes::all(node).times_plus(self.box_px, w);
             let weight = Lanes::all(weight);
             let chord2 = self.radius2 - w * w;
             let chord = chord2.positive().sqrt();
@@ -140,7 +150,8 @@ impl Coverer {
         }
         // alpha is an integral over the pixel's width: its derivative by a shift across the path is the
         // difference of the two ends, however steep the rim.
-        let by_w = self.swept(s, w + Lanes::all(0.5)) - self.swept(s, w - Lanes::all(0.5));
+        let end = Lanes::all(0.5) * self.box_px;
+        let by_w = (self.swept(s, w + end) - self.swept(s, w - end)) * self.inverse_box;
         // The chord depends on r² − w² only, so that ∂/∂r = −(r / w) ∂/∂w: off the middle this is the one
         // without a pole.
         let off_middle = w * w - Lanes::all(0.25) * self.radius2;
@@ -183,7 +194,7 @@ mod tests {
     use super::*;
 
     fn alpha(sweep: &Sweep, x: f32, y: f32) -> f32 {
-        Coverer::new(sweep, &Light::default()).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
+        Coverer::new(sweep, &Light::default(), 1.0).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
     }
 
     /// Counts sub-pixels and instants.
@@ -247,7 +258,7 @@ mod tests {
                 for x in -16..=16 {
                     let (x, y) = (x as f32, y as f32);
                     let weight = 1.0 + 0.1 * x - 0.07 * y + 0.01 * x * y;
-                    let at = Coverer::new(&sweep, &Light::default()).at(Lanes::all(x), Lanes::all(y));
+                    let at = Coverer::new(&sweep, &Light::default(), 1.0).at(Lanes::all(x), Lanes::all(y));
 
                     analytic += weight * at.slopes[i].0[0];
                     numeric +=

@@ -7,6 +7,8 @@ use super::{TriangulateOptions, Triangulator};
 
 /// Triggers that are gathered at a time: at 100 Hz, 80 ms.
 const SLOTS: usize = 8;
+/// A camera that is alone waits for another by this much at least, however fast the rig.
+const LEAST_PATIENCE_NS: u64 = 5_000_000;
 
 /// Gathers the messages of each trigger, and triangulates it when it is ready: at once when the search
 /// windows of all cameras agree, else when all cameras that deliver have looked at their whole frames, or
@@ -17,7 +19,8 @@ pub struct Matcher {
     triangulator: Triangulator,
     slots: Vec<Slot>,
     cameras: u32,
-    patience_ns: u64,
+    /// Patience where two cameras suffice for a position, and where one is alone.
+    patience_ns: [u64; 2],
     /// The newest trigger that has been decided.
     decided: u64,
     /// The newest trigger of which each camera has sent its full detections.
@@ -84,6 +87,11 @@ impl Slot {
         self.has_full | self.has_window
     }
 
+    /// When waiting for the other cameras has lasted long enough.
+    const fn due_ns(&self, [enough, alone]: [u64; 2]) -> u64 {
+        self.last_arrival_ns.saturating_add(if self.seen().count_ones() > 1 { enough } else { alone })
+    }
+
     /// The newest message of each camera in `full`, and of those in `window` that have no other.
     fn with_messages<R>(&self, full: u32, window: u32, use_them: impl FnOnce(&[&Detections]) -> R) -> R {
         let mut messages: [&Detections; MAX_CAMERAS] = [&self.full[0]; MAX_CAMERAS];
@@ -110,7 +118,11 @@ impl Matcher {
             triangulator: Triangulator::new(rig, options),
             slots: (0..SLOTS).map(|_| Slot::new(rig.cameras.len())).collect(),
             cameras: rig.camera_mask(),
-            patience_ns: options.patience_ns.unwrap_or(rig.interval_ns() / 2),
+            // A position that comes late is better than none; one that the others can give need not wait as long.
+            patience_ns: options.patience_ns.map_or_else(
+                || [rig.interval_ns() / 2, rig.interval_ns().max(LEAST_PATIENCE_NS)],
+                |told| [told; 2],
+            ),
             decided: 0,
             newest: [0; MAX_CAMERAS],
             counts: MatcherCounts::default(),
@@ -201,7 +213,7 @@ impl Matcher {
     /// When [`Self::next`] will have something to give although nothing arrives, if ever.
     pub fn deadline_ns(&self) -> Option<u64> {
         let waiting = self.slots.iter().filter(|s| s.trigger_id != 0 && !s.published && s.seen() != 0);
-        waiting.map(|s| s.last_arrival_ns + self.patience_ns).min()
+        waiting.map(|s| s.due_ns(self.patience_ns)).min()
     }
 
     /// Decides the trigger of slot `i`: `None` while it waits, `Some(None)` when there is nothing to say.
@@ -211,7 +223,7 @@ impl Matcher {
             .filter(|c| self.newest[*c] > slot.trigger_id)
             .fold(0_u32, |bits, c| bits | 1 << c);
         let expected = self.cameras & !slot.missing & !(passed & !slot.has_full);
-        let due = slot.seen() != 0 && now_ns >= slot.last_arrival_ns.saturating_add(self.patience_ns);
+        let due = slot.seen() != 0 && now_ns >= slot.due_ns(self.patience_ns);
         let forced = slot.unsynchronised && self.cameras.count_ones() == 2;
         let complete = slot.has_full & expected == expected;
         let windows = slot.has_window != 0 && slot.seen() & self.cameras == self.cameras;

@@ -12,7 +12,8 @@ pub struct TriangulateOptions {
     /// What the calibration may be off by, one standard deviation, px: widens the gates, not the
     /// covariances of results.
     pub slack_px: f64,
-    /// Time to wait for the other cameras after the last arrival, ns; default: half a frame interval.
+    /// Time to wait for the other cameras after the last arrival, ns; default: half a frame interval where
+    /// two cameras have delivered, and where one is alone a whole one, and no less than 5 ms.
     pub patience_ns: Option<u64>,
 }
 

@@ -30,7 +30,7 @@ pub struct OptionArgs {
     slack_px: f64,
 
     /// How long to wait for the other cameras after the last arrival, in milliseconds [default: half a
-    /// frame interval].
+    /// frame interval where two have delivered; a whole one, at least 5, where one is alone].
     #[arg(long, value_name = "MS")]
     patience_ms: Option<f64>,
 }

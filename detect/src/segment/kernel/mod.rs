@@ -58,6 +58,17 @@ pub struct BackgroundRow<'a> {
     pub evidence: &'a mut [u8],
 }
 
+/// Sums over a stretch of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Probe {
+    /// Of the levels seen, DN.
+    pub seen: u32,
+    /// Of the background's levels, DN.
+    pub level: u32,
+    /// Of the absolute differences between what is seen and what is expected, DN.
+    pub deviation: u32,
+}
+
 /// Which instructions the kernels use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kernel {
@@ -152,6 +163,33 @@ impl Kernel {
             // plain loop has no branches.
             #[cfg(target_arch = "aarch64")]
             Self::Neon => plain::learn(row, background, tables, patience),
+        }
+    }
+
+    /// Asks for a stretch of memory that will be read soon.
+    pub fn prefetch(self, bytes: &[u8]) {
+        match self {
+            // SAFETY: `detect` gives Avx2 only where the processor has it.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { avx2::prefetch_all(bytes) },
+            _ => {}
+        }
+    }
+
+    /// Compares a stretch of a frame's row with the background's `level`.
+    ///
+    /// # Panics
+    /// When the slices do not have one length.
+    pub fn probe(self, row: &[u8], level: &[u8], tables: &LevelTables) -> Probe {
+        assert!(row.len() == level.len());
+        match self {
+            Self::Plain => plain::probe(row, level, tables),
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { avx2::probe(row, level, tables) },
+            // Compilers turn these sums into NEON by themselves, and few pixels are probed.
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => plain::probe(row, level, tables),
         }
     }
 

@@ -1,6 +1,6 @@
 //! The kernels in portable Rust: what the others are tested against, and the ends of rows for all.
 
-use super::{BackgroundRow, ColourGate, LevelTables, WORD_PX};
+use super::{BackgroundRow, ColourGate, LevelTables, Probe, WORD_PX};
 
 /// From word `first_word` on.
 pub fn foreground(
@@ -96,6 +96,16 @@ pub fn learn(row: &[u8], background: BackgroundRow<'_>, tables: &LevelTables, pa
     for (((seen, level), other), evidence) in row.iter().zip(level).zip(other).zip(evidence) {
         learn_pixel(*seen, level, other, evidence, tables, patience);
     }
+}
+
+pub fn probe(row: &[u8], level: &[u8], tables: &LevelTables) -> Probe {
+    let mut probe = Probe::default();
+    for (seen, level) in row.iter().zip(level) {
+        probe.seen += u32::from(*seen);
+        probe.level += u32::from(*level);
+        probe.deviation += u32::from(seen.abs_diff(tables.expected(*level)));
+    }
+    probe
 }
 
 pub fn sum(bytes: &[u8]) -> u64 {

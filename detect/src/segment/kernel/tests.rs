@@ -63,6 +63,10 @@ fn every_kernel_gives_the_bits_of_the_plain_one() {
             (level, other, evidence)
         };
         assert_eq!(learn(kernel), learn(Kernel::Plain));
+        assert_eq!(
+            kernel.probe(rows[0], &background, &zones[0]),
+            Kernel::Plain.probe(rows[0], &background, &zones[0])
+        );
         assert_eq!(kernel.sum(rows[0]), rows[0].iter().map(|b| u64::from(*b)).sum::<u64>());
     }
 }
