@@ -65,7 +65,8 @@ impl Painter for ErrorPlot<'_> {
             .label_style((FONT, 15))
             .draw()?;
         for off in [-MARK, 0.0, MARK] {
-            let ends = [(0.0, off), (1.0, 1.0 + off)];
+            // Cut at the frame: beyond it a line would be bent.
+            let ends = [f64::max(0.0, -off), f64::min(1.0, 1.0 - off)].map(|x| (x, x + off));
             chart.draw_series(LineSeries::new(ends, BLACK.mix(if off == 0.0 { 0.6 } else { 0.2 })))?;
         }
         let bins = confidence_bins(&self.0.bets);
