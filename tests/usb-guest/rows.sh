@@ -20,7 +20,7 @@ section_aravis() {
 aravis_streams() {
     timeout 60 arv-camera-test-0.8 -n "$name" -s "$1" -w 320 -h 240 -f 25 --duration 5 > /tmp/aravis 2>&1
     cat /tmp/aravis
-    awk -F'[=:]' '/ompleted buffers/ {frames = $2 + 0} /ailures/ {failures = $2 + 0; seen = 1} /nderruns/ {failures += $2}
+    awk -F'[=:]' '/completed.buffers/ {frames = $2 + 0} /ailures/ {failures = $2 + 0; seen = 1} /nderruns/ {failures += $2}
         END { if (seen) printf "ok %d frames, %d failures\n", frames, failures }' /tmp/aravis
 }
 
