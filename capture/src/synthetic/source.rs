@@ -191,6 +191,9 @@ impl Shift<'_> {
     }
 }
 
+/// The last part of each interval, in which the next frame is rendered.
+const RENDERING_PERCENT: u64 = 60;
+
 /// A frame that a fault holds back.
 struct Held {
     due_ns: u64,
@@ -258,6 +261,12 @@ impl Stand {
             return Ok(());
         }
         shift.control.triggered(trigger_id);
+        // Just after a trigger the stages work: a renderer that took their cores then would be measured as latency,
+        // which no camera causes.
+        let begin_ns = complete_ns.saturating_sub(shift.interval_ns * RENDERING_PERCENT / 100);
+        if !sleep_until(begin_ns, shift.stop) {
+            return Ok(());
+        }
 
         let exposure = self.exposure(n, fate.desync_ns, shift);
         let bytes = self.camera.model.width as usize * self.camera.model.height as usize;

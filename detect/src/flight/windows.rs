@@ -124,6 +124,9 @@ impl WindowMaker {
                 + 0.5 * velocity[i].abs() * view.exposure_s
                 + MARGIN_PX * grown
         });
+        // The outline is an ellipse off the axis: the diameter that is told is that of a circle of its area.
+        let area_scale = by_world.row(0).cross(&by_world.row(1)).norm();
+        let diameter = self.diameter_m * area_scale.sqrt();
         Some(Image { centre: projected.pixel, covariance, velocity, diameter, half })
     }
 }

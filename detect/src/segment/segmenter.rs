@@ -392,7 +392,7 @@ impl Segmenter {
         for i in 0..self.starts.len() {
             let start = self.starts[i];
             let unlikely = start.rank() <= UNLIKELY;
-            if unlikely && self.found.iter().any(|f| self.is_in_play(&f.item)) {
+            if unlikely && self.has_ball_in_play() {
                 break;
             }
             let enough = if unlikely { MAX_UNLIKELY } else { most };
@@ -429,6 +429,11 @@ impl Segmenter {
             let item = self.detection(&measured, score);
             self.add(Found { item, measured, likeness });
         }
+    }
+
+    /// Whether one of the candidates is likely the ball in play.
+    fn has_ball_in_play(&self) -> bool {
+        self.found.iter().any(|f| self.is_in_play(&f.item))
     }
 
     /// Whether a candidate is likely the ball, and has not stayed where it is.
