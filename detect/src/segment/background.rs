@@ -114,8 +114,8 @@ impl Background {
         let (width, height) = self.size;
         for y in 0..height {
             self.level[y * width..][..width].copy_from_slice(view.row(y));
+            self.other[y * width..][..width].copy_from_slice(view.row(y));
         }
-        self.other.copy_from_slice(&self.level);
         self.evidence.fill(0);
         self.light.fill(1.0);
         self.frames = 1;

@@ -322,13 +322,14 @@ impl Segmenter {
             count += 1;
         }
         for gate in &gates[..count] {
-            if everywhere {
-                self.coloured.fill(0xffff);
-            } else {
-                self.coloured.copy_from_slice(&self.words);
-            }
             for y in (0..height).step_by(2) {
-                let words = &mut self.coloured[y / 2 * words_per_row..][..words_per_row];
+                let row = y / 2 * words_per_row..(y / 2 + 1) * words_per_row;
+                let words = &mut self.coloured[row.clone()];
+                if everywhere {
+                    words.fill(0xffff);
+                } else {
+                    words.copy_from_slice(&self.words[row]);
+                }
                 self.kernel.colour([view.row(y), view.row(y + 1)], gate, words);
             }
             self.finder.find(&self.coloured, words_per_row, 0..height / 2);

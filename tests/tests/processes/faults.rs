@@ -56,7 +56,6 @@ fn a_source_without_faults_gives_complete_framesets_only() {
 }
 
 #[test]
-#[ignore = "known to fail: needs positions from the live pipeline, which does not yet keep up"]
 fn dropped_and_truncated_frames_are_lost_by_reason_and_their_triggers_incomplete() {
     let _turn = one_at_a_time();
     let seen = Seen::of(&["drop,camera=left,every=10", "truncate,camera=right,every=7"]);
@@ -73,7 +72,6 @@ fn dropped_and_truncated_frames_are_lost_by_reason_and_their_triggers_incomplete
 }
 
 #[test]
-#[ignore = "known to fail: needs the live pipeline to keep up"]
 fn a_camera_that_exposes_late_is_unsynchronised_and_gives_no_position() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
@@ -105,7 +103,6 @@ fn a_camera_that_exposes_late_is_unsynchronised_and_gives_no_position() {
 }
 
 #[test]
-#[ignore = "known to fail: needs positions from the live pipeline, which does not yet keep up"]
 fn a_frame_that_comes_twice_or_out_of_order_is_told_by_its_trigger() {
     let _turn = one_at_a_time();
     let seen = Seen::of(&["duplicate,camera=left,every=9", "reorder,camera=right,every=11"]);

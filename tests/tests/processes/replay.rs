@@ -32,7 +32,6 @@ fn film(path: &str) -> Positions {
 }
 
 #[test]
-#[ignore = "the comparison holds by hand, this test of it has not been run to its end on a machine that was free"]
 fn a_recording_at_the_readers_pace_gives_the_positions_that_process_gives() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
