@@ -18,7 +18,11 @@ fn python() -> String {
 
 /// Whether the interpreter has these modules; says so where it has not.
 fn has(modules: &str) -> bool {
-    let there = Command::new(python()).args(["-c", &format!("import {modules}")]).output();
+    // Not where the test runs: a folder of the module's name there would count as the module.
+    let there = Command::new(python())
+        .args(["-c", &format!("import {modules}")])
+        .current_dir(std::env::temp_dir())
+        .output();
     let has = there.is_ok_and(|out| out.status.success());
     if !has {
         // Straight to the terminal: the test harness holds back what passing tests print.
