@@ -34,10 +34,21 @@ pub struct DomainRemains {
     domain: DomainName,
 }
 
-/// Where iceoryx2 keeps a domain's service and node files (not its payloads: those are in /dev/shm).
+/// Where iceoryx2 keeps a domain's service and node files (not its payloads: those are in /dev/shm). Sockets are
+/// among them, whose paths the system bounds: the folder has a short name, which is a hash (FNV-1a) of the
+/// domain's; the files in it begin with the domain itself.
 fn root(domain: &DomainName) -> PathBuf {
-    std::env::temp_dir().join("netcord").join(domain.as_str())
+    let hash = domain
+        .as_str()
+        .bytes()
+        .fold(0x811c_9dc5_u32, |hash, b| (hash ^ u32::from(b)).wrapping_mul(0x0100_0193));
+    std::env::temp_dir().join("netcord").join(format!("{hash:08x}"))
 }
+
+/// Longest path of a socket (`sun_path` without its end), bytes.
+const LONGEST_SOCKET: usize = 107;
+/// What iceoryx2 adds to the prefix of an event's socket: a number of up to 32 digits and a suffix, bytes.
+const SOCKET_SUFFIX: usize = 32 + ".event".len();
 
 /// Prefix of a domain's names in /dev/shm.
 fn prefix(domain: &DomainName) -> String {
@@ -51,6 +62,13 @@ fn config(domain: &DomainName) -> Result<Config, BusError> {
     let join = |cause: String| BusError::Join { domain: domain.to_string(), cause };
     let mut config = Config::default();
     let path = root.to_string_lossy();
+    let length = path.len() + 1 + prefix(domain).len() + SOCKET_SUFFIX;
+    if length > LONGEST_SOCKET {
+        return Err(join(format!(
+            "the paths of its sockets in {path} would have up to {length} bytes, and the system allows {LONGEST_SOCKET}: \
+             choose a shorter name (--domain) or a shorter temporary folder (TMPDIR)"
+        )));
+    }
     config.global.set_root_path(&Path::new(path.as_bytes()).map_err(|e| join(format!("{path}: {e:?}")))?);
     config.global.prefix = FileName::new(prefix(domain).as_bytes()).map_err(|e| join(format!("{e:?}")))?;
     Ok(config)

@@ -49,7 +49,7 @@ impl Seen {
 fn a_source_without_faults_gives_complete_framesets_only() {
     let _turn = one_at_a_time();
     let seen = Seen::of(&[]);
-    assert_eq!(seen.verdicts(Verdict::Complete), seen.framesets.len());
+    assert_eq!(seen.verdicts(Verdict::Complete), seen.framesets.len(), "{:?}", seen.counters);
     for name in ["lost_dropped", "lost_truncated", "lost_duplicate", "lost_no_slot"] {
         assert_eq!(seen.counter(name), 0, "{name}");
     }
