@@ -93,7 +93,9 @@ fn a_camera_that_exposes_late_is_unsynchronised_and_gives_no_position() {
         .inspect(|f| assert!(f.skew_ns.abs_diff(3_000_000) < 1000 && f.skew_ns > f.tolerance_ns, "{f:?}"))
         .map(|f| f.trigger_id)
         .collect();
-    assert!((45..=55).contains(&unsynchronised.len()), "{} of {}", unsynchronised.len(), framesets.len());
+    // Every other one; framesets come in batches, so that there may be more than a hundred.
+    let off = (2 * unsynchronised.len()).abs_diff(framesets.len());
+    assert!(off <= 10, "{} of {}", unsynchronised.len(), framesets.len());
     assert!(positions.iter().any(netcord_common::wire::BallPosition::is_present));
     for position in positions.iter().filter(|p| unsynchronised.contains(&p.trigger_id)) {
         assert!(!position.is_present(), "a position from exposures 3 ms apart: {position:?}");
