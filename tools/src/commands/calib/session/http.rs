@@ -177,6 +177,9 @@ fn read(stream: &TcpStream) -> io::Result<Result<Request, Response>> {
         }
         bytes.extend_from_slice(&chunk[..got]);
         match head(&bytes) {
+            Ok(Some((_, length))) if length > HEAD_LIMIT => {
+                return Ok(Err(Response::text(431, "The headers are too long.")));
+            }
             Ok(Some((mut request, length))) => {
                 let wanted = request.header("content-length").map_or(Ok(0), str::parse::<usize>);
                 let Ok(wanted) = wanted else {
