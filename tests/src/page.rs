@@ -86,11 +86,15 @@ impl Page {
         if status == 200 { Ok(()) } else { Err(String::from_utf8_lossy(&body).into_owned()) }
     }
 
-    /// The state once `check` holds of it.
+    /// The state once `check` holds of it. A session that has just begun has none yet, and says so.
     ///
     /// # Panics
     /// When it does not in the watchdog's time.
     pub fn state_when(&self, what: &str, check: impl Fn(&Value) -> bool) -> Value {
-        until(what, || Some(self.json("state")).filter(&check))
+        until(what, || {
+            let (status, body) = self.request("GET", "state", "", "");
+            assert!(matches!(status, 200 | 404), "{status}: {}", String::from_utf8_lossy(&body));
+            (status == 200).then(|| serde_json::from_slice(&body).expect("JSON")).filter(&check)
+        })
     }
 }
