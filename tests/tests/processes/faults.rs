@@ -49,7 +49,9 @@ impl Seen {
 fn a_source_without_faults_gives_complete_framesets_only() {
     let _turn = one_at_a_time();
     let seen = Seen::of(&[]);
-    assert_eq!(seen.verdicts(Verdict::Complete), seen.framesets.len(), "{:?}", seen.counters);
+    // A busy machine may cost a frame, which is counted as such; nothing else may.
+    let incomplete = seen.framesets.len() - seen.verdicts(Verdict::Complete);
+    assert!(incomplete as u64 <= seen.counter("lost_overrun"), "{:?}", seen.counters);
     for name in ["lost_dropped", "lost_truncated", "lost_duplicate", "lost_no_slot"] {
         assert_eq!(seen.counter(name), 0, "{name}");
     }
@@ -60,10 +62,14 @@ fn dropped_and_truncated_frames_are_lost_by_reason_and_their_triggers_incomplete
     let _turn = one_at_a_time();
     let seen = Seen::of(&["drop,camera=left,every=10", "truncate,camera=right,every=7"]);
     let (dropped, truncated) = (seen.counter("lost_dropped"), seen.counter("lost_truncated"));
-    assert!(dropped >= 10 && truncated >= 14, "{dropped} dropped, {truncated} truncated");
+    // A trigger that a busy machine left out was not there to be dropped.
+    let overrun = seen.counter("lost_overrun");
+    assert!(dropped + overrun >= 10 && truncated + overrun >= 14, "{:?}", seen.counters);
     let incomplete = seen.verdicts(Verdict::Incomplete);
     // Of a hundred triggers 10 lack the left frame and 14 the right one, at one or two both.
-    assert!((20..=26).contains(&incomplete), "{incomplete} of {}", seen.framesets.len());
+    let share = incomplete as f64 / seen.framesets.len() as f64;
+    let busy = overrun as f64 / seen.framesets.len() as f64;
+    assert!((0.18 - busy..=0.27 + busy).contains(&share), "{share}: {:?}", seen.counters);
     for frameset in seen.framesets.iter().filter(|f| f.verdict == Verdict::Incomplete.code()) {
         assert_ne!(frameset.delivered, frameset.expected);
         assert_eq!(frameset.expected, 0b11);
@@ -111,6 +117,7 @@ fn a_frame_that_comes_twice_or_out_of_order_is_told_by_its_trigger() {
     assert!(seen.counter("lost_duplicate") >= 10, "{:?}", seen.counters);
     // Out of order, but in time: every trigger is complete all the same.
     let complete = seen.verdicts(Verdict::Complete);
-    assert!(complete + 2 >= seen.framesets.len(), "{complete} of {}", seen.framesets.len());
+    let overrun = seen.counter("lost_overrun") as usize;
+    assert!(complete + 2 + overrun >= seen.framesets.len(), "{complete}: {:?}", seen.counters);
     assert!(seen.positions > 0);
 }

@@ -25,7 +25,7 @@ fn listen_and_latency_attach_to_a_running_rig() {
         last = trigger;
         assert_ne!(message.get("position_m").is_some(), message.get("reason").is_some(), "{message}");
     }
-    let ended = lab.start(&["listen", "--rig", &rig, "truth", "camera/left/frame", "--count", "4"]).wait();
+    let ended = lab.start(&["listen", "--rig", &rig, "truth", "camera/left/frame", "--count", "40"]).wait();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(ended.out.iter().any(|line| line.contains("truth/ball")), "{:?}", ended.out);
     let ended = lab.start(&["listen", "--rig", &rig, "ball/velocity"]).wait();
