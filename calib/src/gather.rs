@@ -1,8 +1,12 @@
 //! Gathering views from pictures: what is read, which are kept, and why others are not.
 
-use std::path::{Path, PathBuf};
+use std::{
+    error::Error as _,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::Vector2;
+use netcord_common::picture::{self, Channels, PictureError};
 use rayon::prelude::*;
 use thiserror::Error;
 
@@ -127,21 +131,23 @@ pub fn pictures(path: &Path) -> std::io::Result<Vec<Picture>> {
     Ok(found)
 }
 
+/// Why, without the path: who reports a rejection has named the picture.
+fn reason(error: &PictureError) -> String {
+    match error {
+        PictureError::Undecodable { cause, .. } => cause.clone(),
+        other => other.source().unwrap_or(other).to_string(),
+    }
+}
+
 /// Reads a picture as grey values.
 ///
 /// # Errors
 /// [`Rejection::Unreadable`].
 pub fn read(path: &Path) -> Result<Luma, Rejection> {
     let unreadable = |e: String| Rejection::Unreadable(e);
-    let picture = image::ImageReader::open(path)
-        .map_err(|e| unreadable(e.to_string()))?
-        .with_guessed_format()
-        .map_err(|e| unreadable(e.to_string()))?
-        .decode()
-        .map_err(|e| unreadable(e.to_string()))?
-        .to_luma8();
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    Luma::new(width, height, picture.into_raw()).ok_or_else(|| unreadable("it is empty".to_owned()))
+    let picture = picture::Picture::read(path, Channels::Grey).map_err(|e| unreadable(reason(&e)))?;
+    Luma::new(picture.width(), picture.height(), picture.into_bytes())
+        .ok_or_else(|| unreadable("it is empty".to_owned()))
 }
 
 /// Searches all pictures of one camera on all cores, and keeps views by [`GatherOptions`], in order.

@@ -18,6 +18,7 @@ mod counters;
 mod frame_view;
 pub mod geometry;
 mod name;
+pub mod picture;
 mod pixel;
 pub mod realtime;
 pub mod rig;

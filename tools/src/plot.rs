@@ -2,6 +2,7 @@
 
 use std::{path::Path, sync::Once};
 
+use netcord_common::picture::{Channels, Effort, Picture};
 use plotters::{
     backend::{BitMapBackend, SVGBackend},
     coord::Shift,
@@ -43,9 +44,19 @@ pub fn draw<P: Painter>(path: &Path, size: (u32, u32), painter: &P) -> Result<()
         let area = SVGBackend::new(path, size).into_drawing_area();
         painter.paint(&area).and_then(|()| area.present()).map_err(|e| failed(e.to_string()))
     } else {
-        let area = BitMapBackend::new(path, size).into_drawing_area();
-        painter.paint(&area).and_then(|()| area.present()).map_err(|e| failed(e.to_string()))
+        let picture = rasterised(size, painter).map_err(failed)?;
+        picture.write_png(path, Effort::Small).map_err(|e| failed(e.to_string()))
     }
+}
+
+fn rasterised<P: Painter>(size: (u32, u32), painter: &P) -> Result<Picture, String> {
+    let size_px = (size.0 as usize, size.1 as usize);
+    let mut pixels = vec![0; size_px.0 * size_px.1 * Channels::Rgb.count()];
+    {
+        let area = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
+        painter.paint(&area).and_then(|()| area.present()).map_err(|e| e.to_string())?;
+    }
+    Picture::new(size_px, Channels::Rgb, pixels).ok_or_else(|| "it has no pixels".to_owned())
 }
 
 /// Something that can be painted on any backend.

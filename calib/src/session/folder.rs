@@ -5,10 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use image::{
-    ExtendedColorType, ImageEncoder as _,
-    codecs::png::{CompressionType, FilterType, PngEncoder},
-};
+use netcord_common::picture::{Channels, Effort, Picture, PictureError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -82,13 +79,8 @@ pub enum FolderError {
         source: CalibrationError,
     },
     /// A picture cannot be written as PNG.
-    #[error("cannot write the picture {path}")]
-    Picture {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: image::ImageError,
-    },
+    #[error(transparent)]
+    Picture(#[from] PictureError),
 }
 
 #[derive(Serialize, Deserialize)]
@@ -359,16 +351,8 @@ fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FolderError> {
 }
 
 fn write_png(path: &Path, picture: &Luma) -> Result<(), FolderError> {
-    let file = fs::File::create(path).map_err(|source| FolderError::File {
-        doing: "write",
-        path: path.to_owned(),
-        source,
-    })?;
+    let size = (picture.width(), picture.height());
+    let Some(picture) = Picture::new(size, Channels::Grey, picture.pixels().to_vec()) else { return Ok(()) };
     // The board is held up while this is written: quick before small.
-    let encoder =
-        PngEncoder::new_with_quality(io::BufWriter::new(file), CompressionType::Fast, FilterType::Adaptive);
-    let (width, height) = (picture.width() as u32, picture.height() as u32);
-    encoder
-        .write_image(picture.pixels(), width, height, ExtendedColorType::L8)
-        .map_err(|source| FolderError::Picture { path: path.to_owned(), source })
+    Ok(picture.write_png(path, Effort::Quick)?)
 }

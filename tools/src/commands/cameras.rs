@@ -8,7 +8,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use image::{Rgb, RgbImage};
 use netcord_capture::usb::{
     Camera, FeatureAccess, UDEV_RULE, UDEV_RULE_PATH, UsbOptions, UsbSource, discover,
     genapi::{Access, FeatureInfo, FeatureType},
@@ -17,6 +16,7 @@ use netcord_capture::usb::{
 use netcord_common::{
     CameraName, Channel, Counters, DomainName, FrameView, PixelFormat, Shutdown,
     bus::{Bus, FrameSubscriber, Topic},
+    picture::{Effort, Picture},
     rig::Rig,
 };
 
@@ -295,7 +295,7 @@ fn preview(
             })?
         }
     };
-    picture.save(output)?;
+    picture.write_png(output, Effort::Small)?;
     println!("{} × {} px written to {}", picture.width(), picture.height(), output.display());
     Ok(Outcome::Good)
 }
@@ -304,7 +304,7 @@ fn next_picture(
     bus: &Bus,
     camera: &CameraName,
     format: Option<PixelFormat>,
-) -> Result<RgbImage, Box<dyn Error>> {
+) -> Result<Picture, Box<dyn Error>> {
     let reader = FrameSubscriber::open(bus, &Topic::frames(camera), 2)?;
     let until = Instant::now() + Duration::from_secs(10);
     // The first frames are exposed before the settings are in force.
@@ -327,11 +327,11 @@ fn next_picture(
 }
 
 /// A colour picture of half the size: each 2 × 2 cell of the mosaic is one pixel.
-fn binned(view: &FrameView<'_>) -> RgbImage {
-    RgbImage::from_fn((view.width() / 2) as u32, (view.height() / 2) as u32, |x, y| {
+fn binned(view: &FrameView<'_>) -> Picture {
+    Picture::rgb_from((view.width() / 2, view.height() / 2), |x, y| {
         let (mut sum, mut count) = ([0_u32; 3], [0_u32; 3]);
         for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-            let (px, py) = (x as usize * 2 + dx, y as usize * 2 + dy);
+            let (px, py) = (x * 2 + dx, y * 2 + dy);
             let value = u32::from(view.row(py)[px]);
             let channels: &[usize] = match view.format().channel_at(px, py) {
                 Channel::Red => &[0],
@@ -344,7 +344,7 @@ fn binned(view: &FrameView<'_>) -> RgbImage {
                 count[*c] += 1;
             }
         }
-        Rgb([0, 1, 2].map(|c| (sum[c] / count[c].max(1)) as u8))
+        [0, 1, 2].map(|c| (sum[c] / count[c].max(1)) as u8)
     })
 }
 
@@ -358,7 +358,7 @@ mod tests {
         let bytes = [200, 100, 200, 100, 100, 50, 100, 50];
         let seen = |format| {
             let view = FrameView::new(&bytes, (4, 2), 4, format).expect("an image");
-            binned(&view).get_pixel(1, 0).0
+            binned(&view).pixel(1, 0).to_vec()
         };
         assert_eq!(seen(PixelFormat::BayerRG8), [200, 100, 50]);
         assert_eq!(seen(PixelFormat::BayerBG8), [50, 100, 200]);

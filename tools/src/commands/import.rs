@@ -2,11 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use image::RgbImage;
 use netcord_capture::recording::{
     RawImage, RecordingWriter, WriterOptions, calibration_message, camera_topic, transform_message,
 };
-use netcord_common::{CameraName, Channel, PixelFormat, rig::Rig};
+use netcord_common::{
+    CameraName, Channel, PixelFormat,
+    picture::{Channels, Picture},
+    rig::Rig,
+};
 
 use crate::{
     exit::{CommandResult, Outcome},
@@ -64,16 +67,14 @@ pub fn run(args: &Args) -> CommandResult {
         let stamp_ns = FIRST_NS + (n as f64 * 1e9 / args.rate).round() as u64;
         for ((name, pictures), channel) in cameras.iter().zip(&channels) {
             let Some(path) = pictures.get(n) else { continue };
-            let picture = image::open(path)
-                .map_err(|e| format!("cannot read the picture {}: {e}", path.display()))?
-                .into_rgb8();
+            let picture = Picture::read(path, Channels::Rgb)?;
             let pixels = mosaic(&picture, args.format);
             let description = RawImage {
                 timestamp_ns: stamp_ns,
                 frame_id: name.to_string(),
-                width: picture.width(),
-                height: picture.height(),
-                step: picture.width(),
+                width: picture.width() as u32,
+                height: picture.height() as u32,
+                step: picture.width() as u32,
                 format: args.format,
                 data: 0..pixels.len(),
             };
@@ -147,31 +148,33 @@ fn sorted(folder: &Path) -> Result<Vec<PathBuf>, String> {
 }
 
 /// What a sensor behind the mosaic would have seen of the picture.
-fn mosaic(picture: &RgbImage, format: PixelFormat) -> Vec<u8> {
-    picture
-        .enumerate_pixels()
-        .map(|(x, y, pixel)| match format.channel_at(x as usize, y as usize) {
+fn mosaic(picture: &Picture, format: PixelFormat) -> Vec<u8> {
+    let value = |x, y| {
+        let pixel = picture.pixel(x, y);
+        match format.channel_at(x, y) {
             Channel::Red => pixel[0],
             Channel::Green => pixel[1],
             Channel::Blue => pixel[2],
             // Rec. 601, as pictures are made grey everywhere.
             Channel::Luma => {
-                let [r, g, b] = pixel.0.map(u32::from);
+                let [r, g, b] = [0, 1, 2].map(|c| u32::from(pixel[c]));
                 ((299 * r + 587 * g + 114 * b + 500) / 1000) as u8
             }
-        })
+        }
+    };
+    (0..picture.height())
+        .flat_map(|y| (0..picture.width()).map(move |x| (x, y)))
+        .map(|(x, y)| value(x, y))
         .collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use image::Rgb;
-
     use super::*;
 
     #[test]
     fn each_pixel_keeps_the_colour_of_its_filter() {
-        let picture = RgbImage::from_fn(4, 2, |x, y| Rgb([10 + x as u8, 20 + y as u8, 30]));
+        let picture = Picture::rgb_from((4, 2), |x, y| [10 + x as u8, 20 + y as u8, 30]);
         assert_eq!(mosaic(&picture, PixelFormat::BayerRG8), [10, 20, 12, 20, 21, 30, 21, 30]);
         assert_eq!(mosaic(&picture, PixelFormat::BayerGB8), [20, 30, 20, 30, 10, 21, 12, 21]);
     }

@@ -1,6 +1,6 @@
 //! Pictures for the page: small, as JPEG, raw or undistorted.
 
-use image::{ExtendedColorType, ImageEncoder as _, ImageError, codecs::jpeg::JpegEncoder};
+use jpeg_encoder::{ColorType, Encoder, EncodingError};
 use nalgebra::Vector2;
 use netcord_calib::detect::Luma;
 use netcord_common::{
@@ -15,15 +15,12 @@ const QUALITY: u8 = 82;
 ///
 /// # Errors
 /// What the encoder reports.
-pub fn jpeg(picture: &Luma, width: usize) -> Result<Vec<u8>, ImageError> {
+pub fn jpeg(picture: &Luma, width: usize) -> Result<Vec<u8>, EncodingError> {
     let shrunk = brightened(shrink(picture, width));
     let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(
-        shrunk.pixels(),
-        shrunk.width() as u32,
-        shrunk.height() as u32,
-        ExtendedColorType::L8,
-    )?;
+    // The page's pictures are far below the 65,535 px that JPEG can hold.
+    let [columns, rows] = [shrunk.width(), shrunk.height()].map(|n| u16::try_from(n).unwrap_or(u16::MAX));
+    Encoder::new(&mut bytes, QUALITY).encode(shrunk.pixels(), columns, rows, ColorType::Luma)?;
     Ok(bytes)
 }
 
