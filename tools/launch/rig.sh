@@ -19,6 +19,8 @@ stop() {
     # The sources first, so that what is under way still arrives.
     for pid in $pids; do kill -TERM "$pid" 2>/dev/null || true; done
     wait
+    # The stages leave the bus's small management segments: others of the rig might still be at work.
+    "$netcord" rig clean --rig "$rig" >&2 || true
 }
 trap stop INT TERM EXIT
 

@@ -2,8 +2,8 @@ use std::{fs, path::PathBuf, sync::Arc};
 
 use iceoryx2::{
     config::Config,
-    node::{Node, NodeBuilder},
-    prelude::{FileName, Path, SemanticString, SignalHandlingMode},
+    node::{Node, NodeBuilder, NodeState, NodeView as _},
+    prelude::{CallbackProgression, FileName, Path, SemanticString, SignalHandlingMode},
     service::attribute::AttributeVerifier,
 };
 
@@ -176,6 +176,28 @@ impl DomainRemains {
             let _ = fs::remove_dir(parent);
         }
         Ok(removed)
+    }
+
+    /// The processes that live in the domain, by the names with which they joined it.
+    ///
+    /// # Errors
+    /// [`BusError::Directory`] and [`BusError::Join`].
+    pub fn inhabitants(&self) -> Result<Vec<String>, BusError> {
+        let mut names = Vec::new();
+        // Each has files there; to ask for more would begin the domain.
+        if self.files().is_empty() {
+            return Ok(names);
+        }
+        let listed = Node::<Service>::list(&config(&self.domain)?, |node| {
+            if let NodeState::Alive(node) = node {
+                let name = node.details().as_ref().map(|details| details.name().to_string());
+                names.push(name.unwrap_or_else(|| "a process without a name".into()));
+            }
+            CallbackProgression::Continue
+        });
+        listed
+            .map_err(|e| BusError::Join { domain: self.domain.to_string(), cause: format!("{e:?}") })
+            .map(|()| names)
     }
 
     /// The domain's files in /dev/shm.

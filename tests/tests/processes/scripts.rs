@@ -1,6 +1,9 @@
 //! What scripts rely on: JSON lines, exit codes, help.
 
-use netcord_tests::{Lab, Watch, executable, one_at_a_time};
+use std::path::Path;
+
+use netcord_common::bus::DomainRemains;
+use netcord_tests::{Lab, Running, Watch, executable, one_at_a_time};
 use serde_json::Value;
 
 #[test]
@@ -52,6 +55,33 @@ fn latency_of_a_rig_that_does_not_run_is_a_miss_and_no_error() {
     let rig = lab.synthetic_rig(50.0, &[]);
     let ended = lab.start(&["latency", "--rig", &rig.display().to_string(), "--seconds", "0.2"]).wait();
     assert_eq!(ended.code, Some(1), "{}", ended.err);
+}
+
+#[test]
+fn the_launch_script_leaves_nothing_behind() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]).display().to_string();
+    let mut script = std::process::Command::new("sh");
+    script.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("../tools/launch/rig.sh"));
+    script.args([&rig, "--source", "synthetic"]);
+    script
+        .env("NETCORD", executable())
+        .env("NETCORD_DOMAIN", lab.domain().as_str())
+        .env_remove("NOTIFY_SOCKET");
+    let running = Running::start(script);
+    let bus = lab.bus();
+    Watch::attach(&bus).position_after(0);
+
+    // Whose processes are at work is not cleaned up.
+    let ended = lab.start(&["rig", "clean", "--rig", &rig]).wait();
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    assert!(ended.err.contains("capture") && ended.err.contains("segment"), "{}", ended.err);
+
+    drop(bus);
+    running.stop();
+    let left = [lab.domain(), &lab.truth_domain()].map(|domain| DomainRemains::of(domain).files());
+    assert_eq!(left.concat(), Vec::<std::path::PathBuf>::new());
 }
 
 #[test]

@@ -7,8 +7,10 @@ use std::{
 };
 
 use clap::Subcommand;
+use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
     CameraName, DomainName, PixelFormat,
+    bus::DomainRemains,
     rig::{
         Rig, RigEdit,
         exchange::{self, Format, ImportDefaults},
@@ -33,6 +35,8 @@ enum Action {
     },
     /// Make a rig file from a calibration of OpenCV, ROS, Kalibr, the original rig, or from JSON.
     Import(ImportArgs),
+    /// Remove what is left of a rig in shared memory when its processes have ended; `netcord up` does so itself.
+    Clean(super::RigArgs),
     /// Write a rig's calibration for OpenCV, ROS, Kalibr, the original rig's programs, or as JSON.
     Export(ExportArgs),
 }
@@ -105,8 +109,28 @@ pub fn run(args: &Args) -> CommandResult {
         Action::Show { rig } => show(&Rig::load(rig)?),
         Action::Import(args) => import(args)?,
         Action::Export(args) => export(args)?,
+        Action::Clean(rig) => clean(&rig.load()?.1)?,
     }
     Ok(Outcome::Good)
+}
+
+/// The domain, and that in which a synthetic source tells the truth.
+fn clean(domain: &DomainName) -> Result<(), Box<dyn Error>> {
+    let remains = [domain.clone(), truth_domain(domain)?].map(|domain| DomainRemains::of(&domain));
+    for remains in &remains {
+        let alive = remains.inhabitants()?;
+        if !alive.is_empty() {
+            return Err(
+                format!("the domain {domain} is in use by {}: stop it first", alive.join(", ")).into()
+            );
+        }
+    }
+    let mut removed = 0;
+    for remains in &remains {
+        removed += remains.remove()?;
+    }
+    println!("{domain}: {removed} files removed from shared memory");
+    Ok(())
 }
 
 fn show(rig: &Rig) {

@@ -59,6 +59,11 @@ impl Latencies {
         self.record(&trajectory.stamps, |i| i == PREDICT);
     }
 
+    /// Takes in all spans that `stamps` tell.
+    pub fn spans_of(&mut self, stamps: &Stamps) {
+        self.record(stamps, |_| true);
+    }
+
     fn record(&mut self, stamps: &Stamps, wanted: impl Fn(usize) -> bool) {
         for (i, (histogram, span)) in self.histograms.iter_mut().zip(spans(stamps)).enumerate() {
             if let Some(span) = span.filter(|_| wanted(i)) {

@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use netcord_capture::recording::RecordedTruth;
 use netcord_common::{DomainName, bus::DomainRemains};
 
 use crate::{netcord, text};
@@ -82,6 +83,26 @@ fn a_killed_recorder_leaves_a_file_that_is_whole_up_to_its_last_chunk() {
         .count();
     // 40 MB hold 17 frames of 2.3 MB; four of them may have been on their way.
     assert!(images >= 12, "{images} images saved");
+
+    // The capture is synthetic: what it knows of the ball is there too, and is of the images' instants.
+    let messages = |topic: &str| {
+        let stream = mcap::MessageStream::new(&saved).expect("valid").filter_map(Result::ok);
+        stream.filter(|m| m.channel.topic == topic).collect::<Vec<_>>()
+    };
+    let truths = messages("/truth/ball");
+    assert!(truths.len() >= images / 2 - 2, "{} truths of {images} images", truths.len());
+    let stamps = messages("/camera/left/image").iter().map(|m| m.log_time).collect::<Vec<_>>();
+    let known = truths.iter().filter(|truth| {
+        let truth: RecordedTruth = serde_json::from_slice(&truth.data).expect("as the reader wants it");
+        stamps.contains(&truth.t_ns) && truth.cameras.len() == 2
+    });
+    assert!(known.count() >= stamps.len() / 2);
+    // Which `process` holds its results against. Images of four moments, again and again, are no flight.
+    let out = netcord(folder.path(), &["process", "saved.mcap", "--report", "r.json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let report = std::fs::read(folder.path().join("r.json")).expect("written");
+    let report: serde_json::Value = serde_json::from_slice(&report).expect("JSON");
+    assert!(report["triggers"].as_u64().is_some_and(|n| n >= 4), "judged: {report}");
 }
 
 #[test]

@@ -69,10 +69,26 @@ fn the_same_recording_gives_the_same_bytes_on_one_thread_and_on_many() {
         let output = netcord(folder.path(), &arguments);
         assert!(output.status.success(), "{}", text(&output.stderr));
     }
-    for name in ["out.mcap", "p.csv", "d.csv", "q.csv", "r.json"] {
-        let read = |threads| std::fs::read(folder.path().join(format!("{threads}-{name}"))).expect("written");
-        assert!(read("1") == read("2"), "{name} differs");
+    let read = |name: &str, threads| {
+        std::fs::read(folder.path().join(format!("{threads}-{name}"))).expect("written")
+    };
+    for name in ["out.mcap", "p.csv", "d.csv", "q.csv"] {
+        assert!(read(name, "1") == read(name, "2"), "{name} differs");
     }
+    // Computing times are the machine's; all else that is reported is the recording's.
+    let [one, two] = ["1", "2"].map(|threads| {
+        let mut report: serde_json::Value = serde_json::from_slice(&read("r.json", threads)).expect("JSON");
+        let times = report.as_object_mut().and_then(|report| report.remove("latency_ms")).expect("there");
+        for stage in ["segment", "triangulate", "predict", "frame_to_position"] {
+            let quantiles = ["p50", "p90", "p99", "p999", "max"].map(|q| times[stage][q].as_f64());
+            assert!(quantiles.is_sorted() && quantiles[0].is_some_and(|ms| ms > 0.0), "{stage}: {times}");
+        }
+        for absent in ["capture", "exposure_to_position"] {
+            assert_eq!(times.get(absent), Some(&serde_json::Value::Null), "{times}");
+        }
+        report
+    });
+    assert_eq!(one, two);
     // What was written is a recording in its turn, with the same results.
     let again =
         netcord(folder.path(), &["process", "1-out.mcap", "--positions", "again.csv", "--warm-up", "4"]);

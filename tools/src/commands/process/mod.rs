@@ -50,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "Q.csv")]
     predictions: Option<PathBuf>,
 
-    /// Counts, and recall and errors where the recording has /truth/ball, as JSON.
+    /// Counts, computing times, and recall and errors where the recording has /truth/ball, as JSON.
     #[arg(long, value_name = "R.json")]
     report: Option<PathBuf>,
 

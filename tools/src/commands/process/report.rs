@@ -3,20 +3,27 @@ use std::collections::BTreeMap;
 use netcord_capture::recording::{Footage, RecordedTruth};
 use netcord_common::{
     rig::Rig,
-    wire::{PositionOutcome, Verdict},
+    wire::{BallPosition, PositionOutcome, Stamps, Verdict},
 };
 use serde::Serialize;
 
-use super::stages::{Exposure, Results};
-use crate::trial::{Judge, Score};
+use super::stages::{Exposure, Results, Spent};
+use crate::{
+    observer::{Latencies, LatencyReport},
+    trial::{Judge, Score},
+};
 
-/// What a run over a recording came to. It holds nothing that depends on the machine: the same recording
-/// gives the same report.
+/// What a run over a recording came to. But for `latency_ms` nothing in it depends on the machine: the same
+/// recording gives the same report.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Report {
     /// Held against `/truth/ball`; absent where the recording has none.
     #[serde(flatten)]
     pub(super) score: Option<Score>,
+    /// Computing time on this machine: of segment, the camera that took longest; of triangulate and predict;
+    /// and segment and triangulate together as `frame_to_position`. There is no capture, and no exposure to count
+    /// from: these are null.
+    pub(super) latency_ms: LatencyReport,
     /// All of the recording.
     pub(super) triggers_processed: u64,
     pub(super) positions: u64,
@@ -46,6 +53,7 @@ pub(super) struct Tally {
     rig: Rig,
     truth: BTreeMap<u64, RecordedTruth>,
     judge: Judge,
+    latencies: Latencies,
     /// The first and the last trigger that has a truth.
     judged: Option<(u64, u64)>,
 }
@@ -55,6 +63,7 @@ impl Tally {
         Self {
             report: Report {
                 score: None,
+                latency_ms: Latencies::default().report(),
                 triggers_processed: 0,
                 positions: 0,
                 reasons: BTreeMap::new(),
@@ -66,6 +75,7 @@ impl Tally {
             rig: rig.clone(),
             truth: footage.truth.iter().map(|truth| (truth.t_ns, truth.clone())).collect(),
             judge: Judge::default(),
+            latencies: Latencies::default(),
             judged: None,
         }
     }
@@ -86,6 +96,9 @@ impl Tally {
             }
             None => {}
         }
+        if results.position.as_ref().is_some_and(BallPosition::is_present) {
+            self.latencies.spans_of(&computing_times(&results.spent));
+        }
         self.judge(exposure, results);
     }
 
@@ -105,8 +118,25 @@ impl Tally {
     }
 
     pub(super) fn report(mut self) -> Report {
+        self.report.latency_ms = self.latencies.report();
         self.report.score = self.judged.map(|(first, last)| self.judge.judge(first, last).1);
         self.report
+    }
+}
+
+/// As a message would carry them whose frame was complete at once and whose stages never waited.
+fn computing_times(spent: &Spent) -> Stamps {
+    // Any instant but zero, which stands for "not reached".
+    const COMPLETE_NS: u64 = 1;
+    let segment_published_ns = COMPLETE_NS + spent.segment;
+    let triangulate_published_ns = segment_published_ns + spent.triangulate;
+    Stamps {
+        frame_complete_ns: COMPLETE_NS,
+        frame_published_ns: COMPLETE_NS,
+        segment_published_ns,
+        triangulate_published_ns,
+        predict_published_ns: triangulate_published_ns + spent.predict,
+        ..Stamps::default()
     }
 }
 

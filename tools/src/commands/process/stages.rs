@@ -1,6 +1,6 @@
 use netcord_capture::recording::{FilmedTrigger, FramePixels};
 use netcord_common::{
-    FrameView,
+    Clock as _, FrameView, MonotonicClock, Stamp,
     rig::Rig,
     wire::{BallPosition, BallTrajectory, Detections, FrameHeader, Frameset, Scope, SearchWindow, Verdict},
 };
@@ -34,6 +34,16 @@ pub(super) struct Results {
     pub(super) position: Option<BallPosition>,
     pub(super) trajectory: Option<Box<BallTrajectory>>,
     pub(super) verdict: Verdict,
+    pub(super) spent: Spent,
+}
+
+/// Computing time of one trigger, ns: the only thing here that depends on the machine.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spent {
+    /// Of the camera that took longest, both searches.
+    pub(super) segment: u64,
+    pub(super) triangulate: u64,
+    pub(super) predict: u64,
 }
 
 /// The stages of the live pipeline in one process, in lockstep: frame n is searched with the window that
@@ -46,8 +56,8 @@ pub(super) struct Stages {
     windows: Vec<Option<SearchWindow>>,
 }
 
-/// The segmenters' work on one trigger, before it is put together.
-type Found = Result<Vec<Detections>, SegmentError>;
+/// A segmenter's work on one frame, and how long it took, ns.
+type Found = Result<(Vec<Detections>, u64), SegmentError>;
 
 impl Stages {
     pub(super) fn new(rig: &Rig) -> Result<Self, SegmentError> {
@@ -70,7 +80,10 @@ impl Stages {
 
     /// One trigger, in the order of the recording.
     pub(super) fn step(&mut self, exposure: &Exposure) -> Result<Results, SegmentError> {
-        let detections = self.segment(exposure).into_iter().collect::<Result<Vec<_>, _>>()?;
+        let found = self.segment(exposure).into_iter().collect::<Result<Vec<_>, _>>()?;
+        let segment = found.iter().map(|(_, spent)| *spent).max().unwrap_or(0);
+        let detections = found.into_iter().map(|(detections, _)| detections).collect::<Vec<_>>();
+        let began = MonotonicClock.now();
         let frameset = self.frameset(exposure);
         // The matcher's clock is the recording's: all of a trigger arrives at its exposure, window searches
         // first, as in the live pipeline.
@@ -84,7 +97,9 @@ impl Stages {
                 position = Some(found);
             }
         }
+        let triangulate = since(began);
         let windows = self.windows.clone();
+        let began = MonotonicClock.now();
         let trajectory = position.as_ref().map(|position| {
             let trajectory = Box::new(*self.predictor.update(position));
             let next = position.stamps.mid_exposure_ns + self.rig.interval_ns();
@@ -93,15 +108,16 @@ impl Stages {
             }
             trajectory
         });
+        let spent = Spent { segment, triangulate, predict: since(began) };
         let verdict = Verdict::from_code(frameset.verdict).unwrap_or(Verdict::Incomplete);
-        Ok(Results { detections, windows, position, trajectory, verdict })
+        Ok(Results { detections, windows, position, trajectory, verdict, spent })
     }
 
     /// All cameras at the same time.
     fn segment(&mut self, exposure: &Exposure) -> Vec<Found> {
         let windows = &self.windows;
         let segmenters = &mut self.segmenters;
-        let mut found: Vec<Found> = exposure.frames.iter().map(|_| Ok(Vec::new())).collect();
+        let mut found: Vec<Found> = exposure.frames.iter().map(|_| Ok((Vec::new(), 0))).collect();
         rayon::scope(|scope| {
             let work = segmenters.iter_mut().zip(&exposure.frames).zip(windows).zip(&mut found);
             for (((segmenter, frame), window), found) in work {
@@ -144,6 +160,11 @@ fn segment_one(segmenter: &mut Segmenter, frame: &Frame, window: Option<&SearchW
     // Footage has checked size and step against the bytes of this frame.
     let view = FrameView::of(header, frame.pixels.as_ref()).expect("checked when the recording was opened");
     let mut found = Vec::with_capacity(2);
+    let began = MonotonicClock.now();
     segmenter.process(header, &view, window, &mut |detections| found.push(*detections))?;
-    Ok(found)
+    Ok((found, since(began)))
+}
+
+fn since(began: Stamp) -> u64 {
+    MonotonicClock.now().as_ns() - began.as_ns()
 }

@@ -5,7 +5,11 @@ mod store;
 
 use std::{fs, path::PathBuf, time::Duration};
 
-use netcord_common::{DomainName, bus::Bus, realtime};
+use netcord_capture::synthetic::truth_domain;
+use netcord_common::{
+    bus::{Bus, DomainRemains},
+    realtime,
+};
 use nix::sys::signal::{SigHandler, Signal, signal};
 
 use self::{gather::Gather, store::Store};
@@ -34,7 +38,8 @@ pub struct Args {
     #[arg(long)]
     no_images: bool,
 
-    /// Record the truth of a synthetic source too, from its domain <domain>-truth.
+    /// Record the truth of a synthetic source too, from its domain <domain>-truth; done without this where
+    /// that domain is there when recording begins.
     #[arg(long)]
     truth: bool,
 
@@ -60,9 +65,11 @@ pub fn run(args: &Args) -> CommandResult {
         if let Err(e) = realtime::step_back(NICENESS) {
             tracing::debug!("recording runs at ordinary priority: {e}");
         }
-        let truth = args.truth.then(|| truth_bus(stage.bus.domain())).transpose()?;
+        let truth_domain = truth_domain(stage.bus.domain())?;
+        let wanted = args.truth || !DomainRemains::of(&truth_domain).inhabitants()?.is_empty();
+        let truth = wanted.then(|| Bus::join(&truth_domain, "record")).transpose()?;
         let rig_text = fs::read_to_string(&args.rig.rig).unwrap_or_default();
-        let store = Store::begin(&args.out, &stage.rig, &rig_text, !args.no_images, args.truth)?;
+        let store = Store::begin(&args.out, &stage.rig, &rig_text, !args.no_images, wanted)?;
         let mut gather = Gather::attach(stage, truth.as_ref(), !args.no_images)?;
         let ended = gather.run(stage, &store, args.seconds.map(Duration::from_secs_f64));
         let stored = store.finish()?;
@@ -71,9 +78,4 @@ pub fn run(args: &Args) -> CommandResult {
         Ok::<_, Box<dyn std::error::Error>>(())
     })?;
     Ok(outcome)
-}
-
-fn truth_bus(domain: &DomainName) -> Result<Bus, Box<dyn std::error::Error>> {
-    let truth = DomainName::new(format!("{domain}-truth"))?;
-    Ok(Bus::join(&truth, "record")?)
 }
