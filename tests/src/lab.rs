@@ -100,6 +100,12 @@ impl Lab {
         Running::start(self.command(arguments))
     }
 
+    /// A synthetic rig of 50 Hz under `netcord up`, and its rig file.
+    pub fn up(&self) -> (Running, String) {
+        let rig = self.synthetic_rig(50.0, &[]).display().to_string();
+        (self.start(&["up", &rig, "--quiet"]), rig)
+    }
+
     /// Files that the domain, or its truth, have in shared memory, but for iceoryx2's management segment.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         [&self.domain, &self.truth_domain()]

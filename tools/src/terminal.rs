@@ -25,12 +25,15 @@ impl LiveLines {
         if !self.terminal {
             return;
         }
+        let (columns, rows) = size();
         let mut text = self.erase();
-        for line in lines {
-            text.push_str(line);
+        // The way back up ends at the terminal's first row, and a line that is wrapped has two.
+        let shown = &lines[..lines.len().min(rows.saturating_sub(1))];
+        for line in shown {
+            text.extend(line.chars().take(columns));
             text.push('\n');
         }
-        self.drawn = lines.len();
+        self.drawn = shown.len();
         write_all(&text);
     }
 
@@ -45,6 +48,12 @@ impl LiveLines {
     fn erase(&self) -> String {
         if self.drawn == 0 { String::new() } else { format!("\x1b[{}A\x1b[J", self.drawn) }
     }
+}
+
+/// Columns and rows of the terminal; where it does not tell, those of the oldest.
+fn size() -> (usize, usize) {
+    let told = terminal_size::terminal_size_of(io::stderr());
+    told.map_or((80, 24), |(columns, rows)| (columns.0.into(), rows.0.into()))
 }
 
 fn write_all(text: &str) {

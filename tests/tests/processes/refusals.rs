@@ -14,9 +14,7 @@ use toml_edit::{DocumentMut, value};
 fn a_second_capture_is_refused_and_the_first_works_on() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let rig = lab.synthetic_rig(50.0, &[]);
-    let rig = rig.display().to_string();
-    let up = lab.start(&["up", &rig, "--quiet"]);
+    let (up, rig) = lab.up();
     let bus = lab.bus();
     let mut watch = Watch::attach(&bus);
     let stages = watch.stages();

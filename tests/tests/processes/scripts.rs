@@ -10,9 +10,7 @@ use serde_json::Value;
 fn listen_and_latency_attach_to_a_running_rig() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let rig = lab.synthetic_rig(50.0, &[]);
-    let rig = rig.display().to_string();
-    let up = lab.start(&["up", &rig, "--quiet"]);
+    let (up, rig) = lab.up();
     let bus = lab.bus();
     Watch::attach(&bus).position_after(0);
     drop(bus);

@@ -52,9 +52,7 @@ fn processes_start_in_order_each_when_the_one_before_is_ready_and_all_stop() {
 fn the_children_end_when_up_is_killed_and_the_next_up_finds_a_clean_house() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
-    let rig = lab.synthetic_rig(50.0, &[]);
-    let rig = rig.display().to_string();
-    let up = lab.start(&["up", &rig, "--quiet"]);
+    let (up, rig) = lab.up();
     let bus = lab.bus();
     let mut watch = Watch::attach(&bus);
     let stages = watch.stages();

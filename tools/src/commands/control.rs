@@ -9,7 +9,7 @@ use netcord_common::{
     wire::{ALL_CAMERAS, ControlCommand, ControlRequest, ControlStatus},
 };
 
-use super::RigArgs;
+use super::CameraArgs;
 use crate::exit::{CommandResult, Outcome};
 
 /// Arguments of `netcord control`.
@@ -19,11 +19,7 @@ use crate::exit::{CommandResult, Outcome};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    rig: RigArgs,
-
-    /// The camera that is meant, by its name in the rig file; default: all.
-    #[arg(long, value_name = "NAME")]
-    camera: Option<CameraName>,
+    of: CameraArgs,
 
     #[command(subcommand)]
     request: Request,
@@ -100,8 +96,8 @@ const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Runs `netcord control`.
 pub fn run(args: &Args) -> CommandResult {
-    let (rig, domain) = args.rig.load()?;
-    let camera = args.camera.as_ref().map_or(Ok(ALL_CAMERAS), |name| place(&rig, name))?;
+    let (rig, domain) = args.of.rig.load()?;
+    let camera = args.of.camera.as_ref().map_or(Ok(ALL_CAMERAS), |name| place(&rig, name))?;
     let bus = Bus::join(&domain, "control")?;
     let answer = ControlClient::open(&bus)?.ask(&args.request.message(camera), PATIENCE)?;
     if answer.status != ControlStatus::Done.code() {

@@ -55,19 +55,47 @@ pub fn run(args: &Args) -> CommandResult {
     }
     let cameras = cameras(&args.images, &args.camera)?;
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
+    write(args, rig.as_ref(), &cameras).inspect_err(|_| {
+        // What there is of it is no recording of these pictures. Where it cannot be removed, the error says enough.
+        let _ = std::fs::remove_file(&args.out);
+    })?;
+    let total = cameras.iter().map(|(_, pictures)| pictures.len()).sum::<usize>();
+    println!("{}: {total} pictures of {} cameras", args.out.display(), cameras.len());
+    Ok(Outcome::Good)
+}
+
+fn write(
+    args: &Args,
+    rig: Option<&Rig>,
+    cameras: &[(CameraName, Vec<PathBuf>)],
+) -> Result<(), Box<dyn std::error::Error>> {
     let mut writer = RecordingWriter::<Vec<u8>>::create(&args.out, WriterOptions::default())?;
-    if let Some(rig) = &rig {
-        stand(&mut writer, rig, &cameras)?;
+    if let Some(rig) = rig {
+        stand(&mut writer, rig, cameras)?;
     }
     let schema = foxglove_schema::<foxglove::messages::RawImage>();
     let channels: Vec<_> =
         cameras.iter().map(|(name, _)| writer.channel(&camera_topic(name, "image"), &schema)).collect();
+    let mut sizes = vec![None; cameras.len()];
     let longest = cameras.iter().map(|(_, pictures)| pictures.len()).max().unwrap_or(0);
     for n in 0..longest {
         let stamp_ns = FIRST_NS + (n as f64 * 1e9 / args.rate).round() as u64;
-        for ((name, pictures), channel) in cameras.iter().zip(&channels) {
+        for (((name, pictures), channel), size) in cameras.iter().zip(&channels).zip(&mut sizes) {
             let Some(path) = pictures.get(n) else { continue };
             let picture = Picture::read(path, Channels::Rgb)?;
+            let here = (picture.width(), picture.height());
+            let first = *size.get_or_insert(here);
+            if here != first {
+                return Err(format!(
+                    "the picture {} has {} × {} px, the first of camera {name} {} × {}: a camera's have one size",
+                    path.display(),
+                    here.0,
+                    here.1,
+                    first.0,
+                    first.1
+                )
+                .into());
+            }
             let pixels = mosaic(&picture, args.format);
             let description = RawImage {
                 timestamp_ns: stamp_ns,
@@ -81,10 +109,7 @@ pub fn run(args: &Args) -> CommandResult {
             writer.write(*channel, stamp_ns, &description.head(), Some(pixels))?;
         }
     }
-    writer.finish()?;
-    let total = cameras.iter().map(|(_, pictures)| pictures.len()).sum::<usize>();
-    println!("{}: {total} pictures of {} cameras", args.out.display(), cameras.len());
-    Ok(Outcome::Good)
+    Ok(writer.finish()?)
 }
 
 /// Calibration and poses of those cameras of the rig that have pictures.

@@ -25,7 +25,7 @@ pub mod view;
 use std::path::PathBuf;
 
 use netcord_common::{
-    DomainName,
+    CameraName, DomainName,
     rig::{Rig, RigEdit, RigError},
 };
 
@@ -39,6 +39,17 @@ pub struct RigArgs {
     /// The domain in which the rig's processes meet; default: the rig's name.
     #[arg(long, env = "NETCORD_DOMAIN", value_name = "NAME")]
     pub domain: Option<DomainName>,
+}
+
+/// The options of those that serve or mean one camera of a live rig, or all.
+#[derive(Debug, Clone, clap::Args)]
+pub struct CameraArgs {
+    #[command(flatten)]
+    pub rig: RigArgs,
+
+    /// This camera only, by its name in the rig file; default: all of them.
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<CameraName>,
 }
 
 impl RigArgs {

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use netcord_common::{CameraName, rig::BallColour};
+use netcord_common::rig::BallColour;
 use netcord_detect::segment::{
     InputMode, SegmentOptions,
     live::{self, LiveOptions},
 };
 
-use super::RigArgs;
+use super::CameraArgs;
 use crate::{exit::CommandResult, stage};
 
 /// Searches the frames of all cameras, a thread each (or of one camera, a process each), for what may be the
@@ -16,11 +16,7 @@ use crate::{exit::CommandResult, stage};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    rig: RigArgs,
-
-    /// Serve this camera only: for one process per camera.
-    #[arg(long, value_name = "NAME")]
-    camera: Option<CameraName>,
+    of: CameraArgs,
 
     /// How long before a frame is due to stop sleeping and watch for it, in microseconds: saves the 0.1–0.2 ms
     /// that a core takes to wake up, and costs as much of the core.
@@ -58,10 +54,10 @@ impl OptionArgs {
 pub fn run(args: &Args) -> CommandResult {
     let options = LiveOptions {
         segment: args.options.options(),
-        camera: args.camera.clone(),
+        camera: args.of.camera.clone(),
         spin: Duration::from_micros(args.spin_us),
     };
-    stage::run("segment", &args.rig, |stage| {
+    stage::run("segment", &args.of.rig, |stage| {
         live::run(&stage.bus, &stage.rig, &options, &stage.stop, &stage.counters, || {
             tracing::info!(domain = %stage.bus.domain(), "segment is ready");
         })

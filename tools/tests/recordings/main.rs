@@ -11,6 +11,7 @@ use std::{
 };
 
 use filming::{Film, Shot};
+use prost::Message as _;
 
 /// Runs the `netcord` of this very tree.
 fn netcord(folder: &Path, arguments: &[&str]) -> Output {
@@ -129,6 +130,51 @@ fn a_recording_that_was_cut_off_gives_what_is_whole_and_is_recovered() {
     let out = netcord(folder.path(), &["process", "saved.mcap", "--positions", "saved.csv"]);
     assert!(out.status.success(), "{}", text(&out.stderr));
     assert_eq!(rows(&path("saved.csv")), cut);
+}
+
+#[test]
+fn pictures_become_a_recording_that_another_reader_can_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, size: (u32, u32), n: u8| {
+        let path = folder.path().join("pictures").join(name);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+        let pixel = |x: u32, y: u32| image::Rgb([x as u8, y as u8, n]);
+        image::RgbImage::from_fn(size.0, size.1, pixel).save(path).expect("written");
+    };
+    for n in 0..3 {
+        write(&format!("left/{n}.png"), (16, 8), n);
+        write(&format!("right/{n}.png"), (8, 8), n);
+    }
+    let import = || netcord(folder.path(), &["import", "pictures", "--out", "p.mcap", "--rate", "50"]);
+    let out = import();
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    assert_eq!(text(&out.stdout).trim(), "p.mcap: 6 pictures of 2 cameras");
+    let file = std::fs::read(folder.path().join("p.mcap")).expect("written");
+    let images = mcap::MessageStream::new(&file)
+        .expect("valid")
+        .map(|message| message.expect("whole"))
+        .filter(|message| message.channel.topic == "/camera/left/image")
+        .collect::<Vec<_>>();
+    assert_eq!(
+        images.iter().map(|m| m.log_time - images[0].log_time).collect::<Vec<_>>(),
+        [0, 20_000_000, 40_000_000]
+    );
+    let image = foxglove::messages::RawImage::decode(&*images[2].data).expect("valid");
+    assert_eq!((image.width, image.height, image.step, &*image.encoding), (16, 8, 16, "bayer_rggb8"));
+    // Red at (4, 2), green at (5, 2) and (4, 3), blue at (5, 3).
+    let at = |x: usize, y: usize| image.data[y * 16 + x];
+    assert_eq!([at(4, 2), at(5, 2), at(4, 3), at(5, 3)], [4, 2, 3, 2]);
+
+    // A camera has one size of picture, and what is no picture is named; nothing half-written stays.
+    write("left/3.png", (16, 10), 3);
+    let out = import();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("left/3.png has 16 × 10 px"), "{}", text(&out.stderr));
+    assert!(!folder.path().join("p.mcap").exists());
+    std::fs::write(folder.path().join("pictures/left/3.png"), b"hello").expect("written");
+    let out = import();
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("left/3.png"), "{}", text(&out.stderr));
 }
 
 #[test]

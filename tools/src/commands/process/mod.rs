@@ -10,7 +10,7 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use netcord_capture::recording::{Ending, Footage};
-use netcord_common::rig::{BallColour, Rig};
+use netcord_common::rig::Rig;
 
 use self::{
     input::Input,
@@ -18,6 +18,7 @@ use self::{
     report::Tally,
     stages::Stages,
 };
+use super::segment::OptionArgs;
 use crate::exit::{CommandResult, Outcome};
 
 /// Arguments of `netcord process`.
@@ -58,9 +59,8 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     warm_up: usize,
 
-    /// The ball's colour, orange, white or auto; default: the rig file's, else auto.
-    #[arg(long, value_name = "COLOUR")]
-    ball: Option<BallColour>,
+    #[command(flatten)]
+    look_for: OptionArgs,
 
     /// Largest difference between the exposures of one trigger, such as 500us or 2ms (a bare number is in
     /// microseconds); default: the rig file's, else half a frame interval.
@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> CommandResult {
     let footage = Arc::new(Footage::open(&args.input)?);
     let rig = args.rig(&footage)?;
     let input = Input::new(&footage, &rig);
-    let mut stages = Stages::new(&rig)?;
+    let mut stages = Stages::new(&rig, &args.look_for.options())?;
     if args.warm_up > 0 {
         let progress = bar(args.warm_up.min(input.triggers()), "warming up");
         for exposure in input.exposures(args.warm_up) {
@@ -174,7 +174,7 @@ impl Args {
             }
             None => footage.rig()?,
         };
-        if let Some(colour) = self.ball {
+        if let Some(colour) = self.look_for.options().colour {
             rig.ball.colour = colour;
         }
         if let Some(tolerance_ns) = self.tolerance {

@@ -60,9 +60,9 @@ pub(super) struct Stages {
 type Found = Result<(Vec<Detections>, u64), SegmentError>;
 
 impl Stages {
-    pub(super) fn new(rig: &Rig) -> Result<Self, SegmentError> {
+    pub(super) fn new(rig: &Rig, look_for: &SegmentOptions) -> Result<Self, SegmentError> {
         let segmenters = (0..rig.cameras.len())
-            .map(|camera| Segmenter::new(rig, camera, SegmentOptions::default()))
+            .map(|camera| Segmenter::new(rig, camera, look_for.clone()))
             .collect::<Result<_, _>>()?;
         Ok(Self {
             rig: rig.clone(),

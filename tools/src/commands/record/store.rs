@@ -17,34 +17,61 @@ use netcord_common::{
     bus::Frame,
     rig::Rig,
     unix_minus_monotonic_ns,
-    wire::{BallPosition, BallTrajectory, BallTruth, Detections, SearchWindow, WIRE_VERSION},
+    wire::{BallPosition, BallTrajectory, BallTruth, Detections, FrameHeader, SearchWindow, WIRE_VERSION},
 };
 
 use crate::recording::{RigTopics, Wanted};
 
-/// A frame in shared memory that waits for the disk; given back when it is written.
+/// A frame that waits for the disk: in shared memory, given back when it is written; or, where the disk is behind by
+/// more than a reader may hold there, a copy.
 #[derive(Debug)]
 pub(super) struct RecordedFrame {
-    frame: Frame,
-    bytes: usize,
-    held: Arc<AtomicUsize>,
+    header: FrameHeader,
+    pixels: Pixels,
+    /// What it takes of `account`: a place in shared memory, or bytes of copies.
+    share: usize,
+    account: Arc<AtomicUsize>,
+}
+
+#[derive(Debug)]
+enum Pixels {
+    Held(Frame, usize),
+    Copied(Box<[u8]>),
 }
 
 impl RecordedFrame {
+    /// Keeps the slot, and counts it in `held`.
     pub(super) fn hold(frame: Frame, held: &Arc<AtomicUsize>) -> Self {
-        // Acquire and Release, with the load in Gather::drain: a place counts as free only after the frame
-        // has gone back.
-        held.fetch_add(1, Ordering::AcqRel);
-        let header = frame.header();
-        // A slot may hold slack behind the last row.
-        let bytes = (header.stride as usize * header.height as usize).min(frame.bytes().len());
-        Self { bytes, held: Arc::clone(held), frame }
+        let (header, bytes) = (*frame.header(), mosaic_bytes(&frame));
+        Self::on(held, 1, header, Pixels::Held(frame, bytes))
     }
+
+    /// Gives the slot back, and counts the copy's bytes in `copied`.
+    pub(super) fn copy(frame: &Frame, copied: &Arc<AtomicUsize>) -> Self {
+        let bytes = mosaic_bytes(frame);
+        Self::on(copied, bytes, *frame.header(), Pixels::Copied(frame.bytes()[..bytes].into()))
+    }
+
+    fn on(account: &Arc<AtomicUsize>, share: usize, header: FrameHeader, pixels: Pixels) -> Self {
+        // Acquire and Release, with the loads in Gather::drain: a place counts as free only after the frame
+        // has gone back.
+        account.fetch_add(share, Ordering::AcqRel);
+        Self { header, pixels, share, account: Arc::clone(account) }
+    }
+}
+
+/// A slot may hold slack behind the last row.
+fn mosaic_bytes(frame: &Frame) -> usize {
+    let header = frame.header();
+    (header.stride as usize * header.height as usize).min(frame.bytes().len())
 }
 
 impl AsRef<[u8]> for RecordedFrame {
     fn as_ref(&self) -> &[u8] {
-        &self.frame.bytes()[..self.bytes]
+        match &self.pixels {
+            Pixels::Held(frame, bytes) => &frame.bytes()[..*bytes],
+            Pixels::Copied(bytes) => bytes,
+        }
     }
 }
 
@@ -52,7 +79,7 @@ impl Drop for RecordedFrame {
     fn drop(&mut self) {
         // The frame itself is dropped after this: one more may be asked for too early by that much, which
         // the spare place of a reader covers.
-        self.held.fetch_sub(1, Ordering::AcqRel);
+        self.account.fetch_sub(self.share, Ordering::AcqRel);
     }
 }
 
@@ -196,7 +223,7 @@ impl Keeper {
         let (topics, writer) = (&mut self.topics, &mut self.writer);
         match event {
             Event::Frame(frame) => {
-                let header = *frame.frame.header();
+                let header = frame.header;
                 let format = PixelFormat::from_pfnc(header.pixel_format).unwrap_or(PixelFormat::Mono8);
                 topics.frame(writer, &header, format, frame)
             }
@@ -228,7 +255,7 @@ impl Keeper {
 impl Event {
     fn stamp_ns(&self) -> u64 {
         match self {
-            Self::Frame(frame) => frame.frame.header().stamps.mid_exposure_ns,
+            Self::Frame(frame) => frame.header.stamps.mid_exposure_ns,
             Self::Detections(detections, _) => detections.stamps.mid_exposure_ns,
             Self::Position(position) => position.stamps.mid_exposure_ns,
             Self::Trajectory(trajectory) => trajectory.stamps.mid_exposure_ns,
