@@ -28,7 +28,11 @@ impl Rectifier {
 
     /// From the frame into the patch.
     pub fn rectify(&self, pixel: [f64; 2]) -> [f64; 2] {
-        let offset = [pixel[0] - self.anchor[0], pixel[1] - self.anchor[1]];
+        self.rectify_offset([pixel[0] - self.anchor[0], pixel[1] - self.anchor[1]])
+    }
+
+    /// A pixel offset in the patch.
+    pub fn rectify_offset(&self, offset: [f64; 2]) -> [f64; 2] {
         self.forward.map(|row| row[0] * offset[0] + row[1] * offset[1])
     }
 

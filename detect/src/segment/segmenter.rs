@@ -1,4 +1,4 @@
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use netcord_common::{
     FrameView, PixelFormat,
     camera::CameraModel,
@@ -23,6 +23,7 @@ use super::{
     rest::RestWatch,
     score::{LEAST_SCORE, SCORE_THRESHOLD, is_gone, score},
     sphere,
+    sweep::{MIN_LENGTH_PX, Sweep},
 };
 
 /// Fits per frame, at most: the likeliest blobs come first.
@@ -34,11 +35,14 @@ const MAX_UNLIKELY: usize = 3;
 const FEW_FRAMES: u32 = 3;
 /// Fits per frame where nothing is known of the background.
 const MAX_FITS_ALONE: usize = 16;
-/// Pixels that the fits of one frame may look at together, beyond the first fit. A ball of 20 px with 100 px of
-/// blur takes 4,000; the limbs and shirts of players take 20,000 each and more, and would cost the frames behind.
-const MAX_FIT_PX2: f32 = 12_000.0;
-/// What a fit looks at around the outline, both sides together, px.
-const FIT_MARGIN_PX: f32 = 12.0;
+/// Fits of each colour among what moves, and the least rank that is worth one there.
+const MAX_FITS_IN_CROWD: usize = 3;
+const LIKELY_IN_CROWD: f32 = 0.15;
+/// Fits beside a ball that is where it was expected, of what ranks so high.
+const MAX_FITS_BESIDE: usize = 2;
+const LIKELY_BESIDE: f32 = 0.3;
+/// Score from which on a better measurement is worth its time.
+const WORTH_REFINING: f64 = 0.3;
 
 /// Score of a ball that may teach what balls look like here.
 const SURE: f64 = 0.6;
@@ -54,6 +58,15 @@ const CROWD_CELLS: u32 = 60;
 
 /// Error of the centre that no covariance of pixels knows of: the lens's blur, the pixels' fill, px².
 const FLOOR_PX2: f64 = 0.02 * 0.02;
+
+/// What a candidate is held against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Backdrop {
+    /// The learnt background.
+    Learnt,
+    /// What is seen around it: the learnt background is hidden by what moves, or not known.
+    Around,
+}
 
 /// A candidate with what the message will say of it.
 #[derive(Debug, Clone, Copy)]
@@ -217,18 +230,30 @@ impl Segmenter {
         self.found.clear();
         let window = window.filter(|w| w.present == 1 && self.background.is_known());
         if let Some(window) = window {
-            self.search_window(view, window);
+            self.search_window(view, window, header.exposure_ns);
             if self.found.iter().any(|f| f.item.score >= SCORE_THRESHOLD) {
                 self.send(header, Scope::Window, emit);
             }
         }
-        self.search_frame(view);
+        let expected = self.has_ball_in_play();
+        self.search_frame(view, expected);
         self.send(header, Scope::Full, emit);
         self.after(view);
     }
 
-    /// Marks and measures inside a window.
-    fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow) {
+    /// Measures inside a window: first where the ball should be, then what moves.
+    fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow, exposure_ns: u64) {
+        let prior = self.prior(window);
+        if let Some(expected) = self.expected(window, exposure_ns) {
+            for backdrop in [Backdrop::Learnt, Backdrop::Around] {
+                // Whatever happens to be there is near the prediction: only what surely is a ball counts.
+                let Some(found) = self.measure(view, &expected, backdrop, &prior) else { continue };
+                if found.item.score >= SCORE_THRESHOLD {
+                    self.add(found);
+                    return;
+                }
+            }
+        }
         let columns = self.grid.range(window.x0_px, window.x1_px, view.width());
         let rows = self.grid.range(window.y0_px, window.y1_px, view.height() & !1);
         // Tables belong to whole zones.
@@ -251,10 +276,27 @@ impl Segmenter {
             words[..columns.start / WORD_PX].fill(0);
         }
         self.finder.find(&self.words, words_per_row, rows.start / 2..rows.end / 2);
-        let prior = self.prior(window);
         self.starts.clear();
         self.collect_starts(view);
-        self.measure_starts(view, false, &prior, 3);
+        self.measure_starts(view, Backdrop::Learnt, &prior, 3, 0.0);
+    }
+
+    /// The ball as it was predicted.
+    fn expected(&self, window: &SearchWindow, exposure_ns: u64) -> Option<Start> {
+        let radius = 0.5 * window.diameter_px as f32;
+        if radius < 1.0 || !self.camera.contains(&Vector2::new(window.u_px, window.v_px)) {
+            return None;
+        }
+        let place = sphere::place(&self.camera, [window.u_px, window.v_px]);
+        let exposure_s = exposure_ns as f64 * 1e-9;
+        let path = place.rectifier.rectify_offset(window.velocity_px_s.map(|v| v * exposure_s));
+        let sweep = Sweep {
+            centre: [0.0; 2],
+            radius,
+            length: (path[0].hypot(path[1]) as f32).max(MIN_LENGTH_PX),
+            angle: path[1].atan2(path[0]) as f32,
+        };
+        Some(Start { place, sweep, likeness: 1.0, colour: 1.0 })
     }
 
     /// What a window says of the ball's size.
@@ -268,7 +310,8 @@ impl Segmenter {
         }
     }
 
-    fn search_frame(&mut self, view: &FrameView<'_>) {
+    /// Looks for what moves, in the whole frame; `expected`: the ball has been found where it was expected.
+    fn search_frame(&mut self, view: &FrameView<'_>, expected: bool) {
         let height = view.height() & !1;
         let words_per_row = self.background.words_per_row();
         let known = self.background.is_known();
@@ -294,7 +337,12 @@ impl Segmenter {
             }
             self.starts.clear();
             self.collect_starts(view);
-            self.measure_starts(view, false, &Prior::default(), MAX_FITS);
+            if expected {
+                let prior = Prior::default();
+                self.measure_starts(view, Backdrop::Learnt, &prior, MAX_FITS_BESIDE, LIKELY_BESIDE);
+                return;
+            }
+            self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         }
         if !known {
             self.search_by_colour(view, true);
@@ -335,8 +383,12 @@ impl Segmenter {
             self.finder.find(&self.coloured, words_per_row, 0..height / 2);
             self.starts.clear();
             self.collect_starts(view);
-            let most = if everywhere { MAX_FITS_ALONE / count.max(1) } else { MAX_FITS / 2 };
-            self.measure_starts(view, everywhere, &Prior::default(), most);
+            let (most, least) = if everywhere {
+                (MAX_FITS_ALONE / count.max(1), 0.0)
+            } else {
+                (MAX_FITS_IN_CROWD, LIKELY_IN_CROWD)
+            };
+            self.measure_starts(view, Backdrop::Around, &Prior::default(), most, least);
         }
     }
 
@@ -388,48 +440,64 @@ impl Segmenter {
         if count > 0.0 { self.colour.likeness(&self.light, mean.map(|m| m / count)) } else { 0.0 }
     }
 
-    fn measure_starts(&mut self, view: &FrameView<'_>, alone: bool, prior: &Prior, most: usize) {
-        let (mut fits, mut spent) = (0, 0.0);
+    /// Measures the likeliest starts, `most` at most.
+    fn measure_starts(
+        &mut self,
+        view: &FrameView<'_>,
+        backdrop: Backdrop,
+        prior: &Prior,
+        most: usize,
+        least_rank: f32,
+    ) {
+        let mut fits = 0;
         for i in 0..self.starts.len() {
             let start = self.starts[i];
+            if start.rank() < least_rank {
+                break;
+            }
             let unlikely = start.rank() <= UNLIKELY;
             if unlikely && self.has_ball_in_play() {
                 break;
             }
             let enough = if unlikely { MAX_UNLIKELY } else { most };
-            if fits >= enough || self.found.len() == self.found.capacity() {
+            if fits >= enough {
                 break;
             }
             if self.found.iter().any(|f| covers(&f.item, start.place.rectifier.anchor)) {
                 continue;
             }
-            let sweep = &start.sweep;
-            let width = 2.0 * sweep.radius + FIT_MARGIN_PX;
-            let area = width * (width + sweep.length);
-            if !alone && fits > 0 && spent + area > MAX_FIT_PX2 {
-                continue;
-            }
-            spent += area;
             fits += 1;
-            let behind = if alone {
-                Behind::Around(self.background.noise())
-            } else {
-                Behind::Learnt(&self.background)
-            };
-            let scene = Scene { view, grid: self.grid, behind };
-            let Some(glanced) = scene.glance(&mut self.patch, &start, prior, &self.towards_light) else {
-                continue;
-            };
-            let likeness = self.colour.likeness(&self.light, glanced.levels);
-            if score(&glanced, likeness) < LEAST_SCORE {
-                continue;
+            if let Some(found) = self.measure(view, &start, backdrop, prior) {
+                self.add(found);
             }
-            let measured = scene.refine(&mut self.patch, glanced, prior);
-            let likeness = self.colour.likeness(&self.light, measured.levels);
-            let score = score(&measured, likeness);
-            let item = self.detection(&measured, score);
-            self.add(Found { item, measured, likeness });
         }
+    }
+
+    /// Measures one start; none where it does not look at all like a ball.
+    fn measure(
+        &mut self,
+        view: &FrameView<'_>,
+        start: &Start,
+        backdrop: Backdrop,
+        prior: &Prior,
+    ) -> Option<Found> {
+        let behind = match backdrop {
+            Backdrop::Learnt => Behind::Learnt(&self.background),
+            Backdrop::Around => Behind::Around(self.background.noise()),
+        };
+        let scene = Scene { view, grid: self.grid, behind };
+        let glanced = scene.glance(&mut self.patch, start, prior, &self.towards_light)?;
+        let likeness = self.colour.likeness(&self.light, glanced.levels);
+        let glanced_score = score(&glanced, likeness);
+        if glanced_score < LEAST_SCORE {
+            return None;
+        }
+        let refined = glanced_score > WORTH_REFINING;
+        let measured = if refined { scene.refine(&mut self.patch, glanced, prior) } else { glanced };
+        let likeness = self.colour.likeness(&self.light, measured.levels);
+        let score = score(&measured, likeness);
+        let item = self.detection(&measured, score);
+        Some(Found { item, measured, likeness })
     }
 
     /// Whether one of the candidates is likely the ball in play.
@@ -449,7 +517,7 @@ impl Segmenter {
             if new.item.score > same.item.score {
                 *same = new;
             }
-        } else {
+        } else if self.found.len() < self.found.capacity() {
             self.found.push(new);
         }
     }

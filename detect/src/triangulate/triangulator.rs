@@ -80,6 +80,11 @@ struct Hypothesis {
 /// 1,000 px wide strip of tolerance around an epipolar line.
 const VIEW_EVIDENCE: f64 = 8.0;
 
+/// Evidence from which on a hypothesis is taken for the ball. Two views of which each looks like a ball with a
+/// score of one half, and no track, come to twice [`VIEW_EVIDENCE`]; limbs and paddles that happen to lie on one
+/// epipolar line come to less.
+const LEAST_EVIDENCE: f64 = 2.0 * VIEW_EVIDENCE + 0.5;
+
 /// What a camera costs that should see the point and has no candidate there: misses are 1 in 10.
 const MISS_EVIDENCE: f64 = -2.3;
 
@@ -134,7 +139,7 @@ impl Triangulator {
         };
         let obstacles = self.associate(detections, together);
         let t_ns = position.stamps.mid_exposure_ns;
-        let best = self.best().filter(|h| h.rest != Rest::LookAlike);
+        let best = self.best().filter(|h| h.rest != Rest::LookAlike && h.evidence > LEAST_EVIDENCE);
         match best {
             Some(best) => match self.conclude(&best, &mut position, detections) {
                 Ok(()) => self.remember_all(t_ns, Some(&best)),
@@ -163,7 +168,10 @@ impl Triangulator {
         let mut position = self.begin(detections);
         self.associate(detections, together);
         let best = self.best()?;
-        if best.subset.views < trusted.max(2) || best.rest != Rest::Unknown {
+        if best.subset.views < trusted.max(2)
+            || best.rest != Rest::Unknown
+            || best.evidence < LEAST_EVIDENCE
+        {
             return None;
         }
         self.conclude(&best, &mut position, detections).ok()?;
