@@ -27,6 +27,9 @@ const FIRST_FRAMES: u64 = 64;
 /// From this change of light on, the background itself is brought to the new light: the tables by which a
 /// smaller change is followed are rounded to sixteen levels.
 const RELIGHT: f32 = 0.12;
+/// Zones that are brought to new light in one frame, at most: where lamps flicker all of them ask for it at once,
+/// and the tables serve until it is their turn.
+const RELIT_AT_ONCE: usize = 4;
 
 /// How many standard deviations a pixel's share in the threshold of a cell is. Four pure-noise pixels sum
 /// to (3.2 ± 1.2) σ, so that 4 × 2.6 σ is six deviations above.
@@ -194,9 +197,15 @@ impl Background {
         if self.frames.is_multiple_of(8) || self.frames < 8 {
             self.noise.refit();
         }
-        for zone in 0..self.light.len() {
-            if (self.light[zone] - 1.0).abs() > RELIGHT && self.is_known() {
-                self.relight(zone);
+        if self.is_known() {
+            let zones = self.light.len();
+            let first = self.frames as usize * RELIT_AT_ONCE;
+            let mut relit = 0;
+            for zone in (0..zones).map(|n| (first + n) % zones) {
+                if (self.light[zone] - 1.0).abs() > RELIGHT && relit < RELIT_AT_ONCE {
+                    self.relight(zone);
+                    relit += 1;
+                }
             }
         }
         self.make_tables();
@@ -226,7 +235,7 @@ impl Background {
         for y in zone_y * ZONE_ROWS..((zone_y + 1) * ZONE_ROWS).min(height) {
             for plane in [&mut self.level, &mut self.other] {
                 for level in &mut plane[y * width + x0..y * width + x1] {
-                    *level = (f32::from(*level) * light).round().min(255.0) as u8;
+                    *level = (f32::from(*level) * light + 0.5).min(255.0) as u8;
                 }
             }
         }
