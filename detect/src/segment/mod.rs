@@ -7,6 +7,7 @@
 
 mod background;
 mod blobs;
+mod blur;
 mod candidate;
 mod colour;
 mod demosaic;

@@ -12,6 +12,7 @@ use super::{
     background::{Background, PixelBox, ZONE_PX},
     blobs::{Blob, BlobFinder},
     candidate::{Start, centre_px, is_of_size, start},
+    blur::BlurLimit,
     colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
     fit::{OUTLINE, Prior},
@@ -104,6 +105,7 @@ pub struct Segmenter {
     found: Vec<Found>,
     kept: Vec<PixelBox>,
     rest: RestWatch,
+    blur: BlurLimit,
     message: Box<Detections>,
 }
 
@@ -156,6 +158,7 @@ impl Segmenter {
             found: Vec::with_capacity(MAX_FITS + MAX_FITS_ALONE),
             kept: Vec::with_capacity(MAX_DETECTIONS),
             rest: RestWatch::new(rig.rate_hz),
+            blur: BlurLimit::new(rig.ball.diameter_m),
             message: Box::default(),
         })
     }
@@ -227,10 +230,11 @@ impl Segmenter {
             }
         }
         self.rest.next_frame();
+        self.blur.expose(header.exposure_ns);
         self.found.clear();
         let window = window.filter(|w| w.present == 1 && self.background.is_known());
         if let Some(window) = window {
-            self.search_window(view, window, header.exposure_ns);
+            self.search_window(view, window);
             if self.found.iter().any(|f| f.item.score >= SCORE_THRESHOLD) {
                 self.send(header, Scope::Window, emit);
             }
@@ -242,13 +246,14 @@ impl Segmenter {
     }
 
     /// Measures inside a window: first where the ball should be, then what moves.
-    fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow, exposure_ns: u64) {
+    fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow) {
         let prior = self.prior(window);
-        if let Some(expected) = self.expected(window, exposure_ns) {
+        if let Some(expected) = self.expected(window) {
             for backdrop in [Backdrop::Learnt, Backdrop::Around] {
                 // Whatever happens to be there is near the prediction: only what surely is a ball counts.
                 let Some(found) = self.measure(view, &expected, backdrop, &prior) else { continue };
                 if found.item.score >= SCORE_THRESHOLD {
+                    self.blur.learn(&found.item, window);
                     self.add(found);
                     return;
                 }
@@ -282,14 +287,13 @@ impl Segmenter {
     }
 
     /// The ball as it was predicted.
-    fn expected(&self, window: &SearchWindow, exposure_ns: u64) -> Option<Start> {
+    fn expected(&self, window: &SearchWindow) -> Option<Start> {
         let radius = 0.5 * window.diameter_px as f32;
         if radius < 1.0 || !self.camera.contains(&Vector2::new(window.u_px, window.v_px)) {
             return None;
         }
         let place = sphere::place(&self.camera, [window.u_px, window.v_px]);
-        let exposure_s = exposure_ns as f64 * 1e-9;
-        let path = place.rectifier.rectify_offset(window.velocity_px_s.map(|v| v * exposure_s));
+        let path = place.rectifier.rectify_offset(window.velocity_px_s.map(|v| v * self.blur.exposure_s()));
         let sweep = Sweep {
             centre: [0.0; 2],
             radius,
@@ -415,6 +419,9 @@ impl Segmenter {
 
     fn start_of(&self, view: &FrameView<'_>, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
         let start = start(blob, self.grid.scale, &sphere::place(&self.camera, centre))?;
+        if !self.blur.allows(&start.sweep, BlurLimit::OF_A_START) {
+            return None;
+        }
         let colour = if self.background.is_known() { self.glimpse(view, &start) } else { 1.0 };
         Some(Start { colour, ..start })
     }
@@ -494,6 +501,9 @@ impl Segmenter {
         }
         let refined = glanced_score > WORTH_REFINING;
         let measured = if refined { scene.refine(&mut self.patch, glanced, prior) } else { glanced };
+        if !self.blur.allows(&measured.fit.sweep, BlurLimit::OF_A_FIT) {
+            return None;
+        }
         let likeness = self.colour.likeness(&self.light, measured.levels);
         let score = score(&measured, likeness);
         let item = self.detection(&measured, score);
