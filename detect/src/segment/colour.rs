@@ -136,17 +136,19 @@ impl ColourModel {
         learnt.into_iter().chain(told.filter(move |_| learnt.is_none()))
     }
 
-    /// Gates for cells that may be the ball's bright part.
-    pub fn gates(&self, light: &SceneLight) -> impl Iterator<Item = ColourGate> + '_ {
+    /// Gates for cells that may be the ball's bright part; those `in_a_crowd` are narrower, since there the ball
+    /// has to be told from what moves around it, too.
+    pub fn gates(&self, light: &SceneLight, in_a_crowd: bool) -> impl Iterator<Item = ColourGate> + '_ {
         let light = *light;
         let format = self.format;
         self.models(light.grey).map(move |model| {
             // Half of the hue that sets an orange ball apart from grey must be there.
-            let tolerance = (2.2 * model.spread).min(0.5);
+            let tolerance = (if in_a_crowd { 1.6 } else { 2.2 } * model.spread).min(0.5);
             let ratio = |i: usize, sign: f32| (model.mean[i] + sign * tolerance).exp();
             let orange = model.mean[0] - model.mean[1] > 0.8;
             // White is told by being brighter than its surroundings; orange by hue.
             let least = match model.level {
+                Some(level) if in_a_crowd => 0.6 * level,
                 Some(level) => 0.35 * level,
                 None if orange => 0.25 * light.level,
                 None => (1.2 * light.level).min(0.75 * light.bright),

@@ -369,7 +369,7 @@ impl Segmenter {
         let words_per_row = self.background.words_per_row();
         let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
         let mut count = 0;
-        for gate in self.colour.gates(&self.light).take(MAX_MODELS) {
+        for gate in self.colour.gates(&self.light, !everywhere).take(MAX_MODELS) {
             gates[count] = gate;
             count += 1;
         }
