@@ -72,6 +72,8 @@ struct Hypothesis {
     subset: Subset,
     /// Logarithm of the likelihood ratio against clutter.
     evidence: f64,
+    /// The part of it that the images alone tell, without the track.
+    looks: f64,
     rest: Rest,
 }
 
@@ -93,6 +95,11 @@ const SIZE_SIGMA: f64 = 0.15;
 
 /// A candidate whose diameter differs from that of a ball at its depth by more than this factor is none.
 const SIZE_GATE: f64 = 3.0;
+
+/// What a view costs whose candidate a look-alike explains, and by how much worse than the hypothesis the
+/// look-alike may look and still explain it.
+const EXPLAINED_EVIDENCE: f64 = -5.0;
+const EXPLAINED_SLACK: f64 = 1.0;
 
 /// Variance of a detection that states none, px².
 const UNKNOWN_VARIANCE_PX2: f64 = 0.25;
@@ -294,26 +301,27 @@ impl Triangulator {
         }
         let fits = |i: usize, depth: f64| sources[i].fits(depth);
         let obstacles = search(cameras, candidates, fits, |subset| {
-            hypotheses.push(Hypothesis { subset: *subset, evidence: 0.0, rest: Rest::Unknown });
+            hypotheses.push(Hypothesis { subset: *subset, evidence: 0.0, looks: 0.0, rest: Rest::Unknown });
         });
-        for Hypothesis { subset, evidence, rest } in hypotheses {
+        for Hypothesis { subset, evidence, looks, rest } in hypotheses {
             let point = subset.refined.point;
-            *evidence = memory.log_prior(t_ns, &point) - 0.5 * subset.distance2;
+            *looks = -0.5 * subset.distance2;
             let mut resting = 0;
             for (camera, posed) in cameras.iter().enumerate() {
                 let member = subset.members[camera];
                 if member == ABSENT {
                     if delivered & (1 << camera) != 0 && is_in_view(posed, &point) {
-                        *evidence += MISS_EVIDENCE;
+                        *looks += MISS_EVIDENCE;
                     }
                     continue;
                 }
                 let source = &sources[usize::from(member)];
                 let score = source.detection.score.clamp(0.0, 1.0);
-                *evidence += VIEW_EVIDENCE + ((score + 0.02) / (1.02 - score)).ln();
-                *evidence -= 0.5 * source.size_distance(posed.in_camera(&point).z);
+                *looks += VIEW_EVIDENCE + ((score + 0.02) / (1.02 - score)).ln();
+                *looks -= 0.5 * source.size_distance(posed.in_camera(&point).z);
                 resting += usize::from(source.detection.flags & DetectionFlags::AT_REST != 0);
             }
+            *evidence = memory.log_prior(t_ns, &point) + *looks;
             *rest = memory.rest(t_ns, &point);
             if *rest == Rest::Unknown && resting == subset.views {
                 *rest = Rest::Still;
@@ -323,7 +331,30 @@ impl Triangulator {
                 *evidence -= 4.0 * resting as f64;
             }
         }
+        self.explain_away();
         obstacles
+    }
+
+    /// Two look-alikes make two more points where each camera's image of one meets that of the other. What
+    /// look-alikes explain at least as well speaks for no ball.
+    fn explain_away(&mut self) {
+        for i in 0..self.hypotheses.len() {
+            let h = self.hypotheses[i];
+            if h.rest != Rest::Unknown {
+                continue;
+            }
+            let explained = (0..self.cameras.len()).filter(|camera| {
+                let member = h.subset.members[*camera];
+                member != ABSENT
+                    && self.hypotheses.iter().any(|other| {
+                        other.rest == Rest::LookAlike
+                            && other.subset.members[*camera] == member
+                            && other.looks >= h.looks - EXPLAINED_SLACK
+                    })
+            });
+            let cost = EXPLAINED_EVIDENCE * explained.count() as f64;
+            self.hypotheses[i].evidence += cost;
+        }
     }
 
     fn best(&self) -> Option<Hypothesis> {
