@@ -115,8 +115,8 @@ impl Memory {
         const HALL_M3: f64 = 100.0;
         /// Chance that the ball has been hit since, and flies on in any direction.
         const HIT: f64 = 0.1;
-        /// Chance that the track was not the ball.
-        const WRONG: f64 = 0.02;
+        /// Chance that the track was not the ball, or that another ball is served.
+        const WRONG: f64 = 0.1;
         let Some((last_ns, last)) = self.recent().last() else { return 0.0 };
         let Some(age_ns) = age_ns(t_ns, *last_ns).filter(|age| *age <= TRACK_MEMORY_NS) else {
             return 0.0;
@@ -274,7 +274,7 @@ mod tests {
         let near = memory.log_prior(next, &thrown(next));
         let hit = memory.log_prior(next, &(thrown(next) + Vector3::new(0.1, 0.1, 0.1)));
         let far = memory.log_prior(next, &(thrown(next) + Vector3::new(2.0, 0.0, 0.0)));
-        assert!(near > 8.0 && near > hit && hit > 0.0 && far < -3.0, "{near} {hit} {far}");
+        assert!(near > 8.0 && near > hit && hit > 0.0 && far < -2.0, "{near} {hit} {far}");
         assert_eq!(memory.log_prior(next + 300_000_000, &thrown(0)), 0.0);
         memory.follow(next, thrown(next));
         assert!(memory.predict(next - 1_000_000).is_some(), "another camera's exposure of the same trigger");

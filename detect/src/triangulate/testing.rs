@@ -115,17 +115,29 @@ pub(crate) fn example(cameras: usize) -> (Rig, Vec<Plain>) {
 /// honestly.
 pub(crate) fn detection(plain: &Plain, ball: &Vector3<f64>, sigma_px: f64, random: &mut Pcg64) -> Detection {
     let pixel = plain.pixel(ball) + normal2(random) * sigma_px;
-    let depth = (plain.r * ball + plain.t).z;
     let variance = (sigma_px * sigma_px).max(1e-6);
     Detection {
         u_px: pixel.x,
         v_px: pixel.y,
         covariance_px2: [variance, 0.0, variance],
-        diameter_px: plain.k[0] * 0.040 / depth,
-        score: 0.8,
+        diameter_px: diameter_px(plain, ball),
+        score: 0.95,
         flags: DetectionFlags::SPHERE_CORRECTED,
         ..Detection::default()
     }
+}
+
+/// Diameter of the circle with the area of the ball's image, from the images of two of its diameters that cross
+/// the line of sight.
+fn diameter_px(plain: &Plain, ball: &Vector3<f64>) -> f64 {
+    let sight = plain.r * ball + plain.t;
+    let across = sight.cross(&Vector3::x()).normalize();
+    let step = |direction: Vector3<f64>| {
+        let half = plain.r.transpose() * direction * 0.020;
+        plain.pixel(&(ball + half)) - plain.pixel(&(ball - half))
+    };
+    let (a, b) = (step(across), step(across.cross(&sight).normalize()));
+    a.perp(&b).abs().sqrt()
 }
 
 /// Two independent standard normal numbers.

@@ -84,7 +84,7 @@ const VIEW_EVIDENCE: f64 = 8.0;
 /// Evidence from which on a hypothesis is taken for the ball. Two views of which each looks like a ball with a
 /// score of one half, and no track, come to twice [`VIEW_EVIDENCE`]; limbs and paddles that happen to lie on one
 /// epipolar line come to less.
-const LEAST_EVIDENCE: f64 = 2.0 * VIEW_EVIDENCE + 0.5;
+const LEAST_EVIDENCE: f64 = 2.0 * VIEW_EVIDENCE;
 
 /// What a camera costs that should see the point and has no candidate there: misses are 1 in 10.
 const MISS_EVIDENCE: f64 = -2.3;

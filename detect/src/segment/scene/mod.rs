@@ -292,7 +292,8 @@ impl Stage {
             trigger_id: n,
             sequence: n,
             session: 1,
-            exposure_ns: 2_000_000,
+            // So long that the longest blur of the tests is that of a ball in play.
+            exposure_ns: 10_000_000,
             width: self.size.0 as u32,
             height: self.size.1 as u32,
             stride: self.size.0 as u32,
