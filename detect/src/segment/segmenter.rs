@@ -11,8 +11,8 @@ use netcord_common::{
 use super::{
     background::{Background, PixelBox, ZONE_PX},
     blobs::{Blob, BlobFinder},
-    candidate::{Start, centre_px, is_of_size, start},
     blur::BlurLimit,
+    candidate::{Start, centre_px, is_of_size, start},
     colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
     fit::{OUTLINE, Prior},

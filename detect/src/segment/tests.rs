@@ -1,8 +1,12 @@
-use netcord_common::{PixelFormat, rig::BallColour, wire::Detection};
+use netcord_common::{
+    PixelFormat,
+    rig::BallColour,
+    wire::{Detection, SearchWindow},
+};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::scene::{Backdrop, Flight, Stage, Style};
+use super::scene::{Backdrop, Cover, Flight, Stage, Style};
 
 /// Result of a run over many single balls.
 #[derive(Debug, Default)]
@@ -143,4 +147,52 @@ fn all_mosaics_and_grey() {
         let report = run(&style, BallColour::Auto, 4, 10, (10.0, 20.0), 8.0);
         check(&format!("{format}"), &report, 0.2, 0);
     }
+}
+
+/// A ball flies before a dark limb that moves, so that the learnt background is nowhere behind it; it is looked
+/// for in a window, if one is `expected`, and in the whole frame.
+fn find_before_a_limb(expected: bool) {
+    let mut stage = Stage::new(Style { ball: [0.9, 0.9, 0.88], ..Style::hall() }, 6);
+    let mut segmenter = stage.warmed(BallColour::White, 30);
+    for n in 0..40_u32 {
+        let t = f64::from(n % 20);
+        let place = [120.0 + 20.0 * t, 200.0 + 2.0 * t];
+        let flight = stage.flight(place, 18.0, [6.0, 1.0]);
+        // First alone, so that its colour is learnt.
+        let x = place[0] as f32 + 9.0;
+        let limb = Cover {
+            area: [x - 60.0, 120.0, x + 35.0, 260.0],
+            reflectance: [0.09, 0.05, 0.04],
+            in_front: false,
+        };
+        let covers = if n < 20 { vec![] } else { vec![limb] };
+        let frame = stage.render(&[(flight, stage.style.ball)], &covers, 1.0);
+        let [u, v] = stage.image(&flight);
+        let window = SearchWindow {
+            present: 1,
+            x0_px: u - 40.0,
+            y0_px: v - 40.0,
+            x1_px: u + 40.0,
+            y1_px: v + 40.0,
+            // Predicted a little wrong.
+            u_px: u + 2.0,
+            v_px: v - 1.5,
+            diameter_px: 18.3,
+            velocity_px_s: [620.0, 90.0],
+            ..SearchWindow::default()
+        };
+        let found = stage.search(&mut segmenter, &frame, expected.then_some(&window));
+        let near = found.items().iter().find(|d| (d.u_px - u).hypot(d.v_px - v) < 2.0);
+        assert!(near.is_some_and(|d| d.score > 0.5), "frame {n}, expected {expected}: {:?}", found.items());
+    }
+}
+
+#[test]
+fn a_ball_before_a_limb_that_moves_is_found_where_it_is_expected() {
+    find_before_a_limb(true);
+}
+
+#[test]
+fn a_ball_before_a_limb_that_moves_is_found_anywhere() {
+    find_before_a_limb(false);
 }

@@ -299,3 +299,48 @@ fn a_slightly_wrong_calibration_costs_accuracy_but_no_position() {
         }
     }
 }
+
+#[test]
+fn two_look_alikes_make_no_phantom_where_their_lines_of_sight_cross() {
+    let mut random = Pcg64::seed_from_u64(9);
+    let (rig, plain) = example(2);
+    let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+    // The plane through both cameras and one ball on the table cuts the table in a line: another ball on it.
+    let centre = |p: &Plain| -(p.r.transpose() * p.t);
+    let (a, b) = (centre(&plain[0]), centre(&plain[1]));
+    let first = Vector3::new(0.1, -0.3, 0.020);
+    let normal = (a - first).cross(&(b - first));
+    let along = normal.cross(&Vector3::z()).normalize();
+    let second = first + along * 0.05;
+    assert!((second.z - first.z).abs() < 1e-12);
+    let mut false_positions = 0;
+    for trigger in 1..=200_u64 {
+        let rolled = along * (0.0004 * trigger as f64);
+        let messages: Vec<_> = (0..2)
+            .map(|i| {
+                let items =
+                    [first, second].map(|ball| detection(&plain[i], &(ball + rolled), 0.1, &mut random));
+                message(i, trigger, Scope::Full, &items)
+            })
+            .collect();
+        false_positions += u32::from(process(&mut triangulator, &messages).is_present());
+    }
+    assert_eq!(false_positions, 0);
+}
+
+#[test]
+fn two_limbs_that_happen_to_lie_on_one_epipolar_line_are_no_ball() {
+    let mut random = Pcg64::seed_from_u64(10);
+    let (rig, plain) = example(2);
+    let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+    for trigger in 1..=20_u64 {
+        let place = Vector3::new(0.3, 0.5 + 0.004 * trigger as f64, 0.5);
+        let messages: Vec<_> = (0..2)
+            .map(|i| {
+                let limb = Detection { score: 0.4, ..detection(&plain[i], &place, 0.2, &mut random) };
+                message(i, trigger, Scope::Full, &[limb])
+            })
+            .collect();
+        assert!(!process(&mut triangulator, &messages).is_present(), "trigger {trigger}");
+    }
+}

@@ -98,8 +98,8 @@ const SIZE_GATE: f64 = 3.0;
 
 /// What a view costs whose candidate a look-alike explains, and by how much worse than the hypothesis the
 /// look-alike may look and still explain it.
-const EXPLAINED_EVIDENCE: f64 = -5.0;
-const EXPLAINED_SLACK: f64 = 1.0;
+const EXPLAINED_EVIDENCE: f64 = -9.0;
+const EXPLAINED_SLACK: f64 = 3.0;
 
 /// Variance of a detection that states none, px².
 const UNKNOWN_VARIANCE_PX2: f64 = 0.25;
@@ -175,9 +175,7 @@ impl Triangulator {
         let mut position = self.begin(detections);
         self.associate(detections, together);
         let best = self.best()?;
-        if best.subset.views < trusted.max(2)
-            || best.rest != Rest::Unknown
-            || best.evidence < LEAST_EVIDENCE
+        if best.subset.views < trusted.max(2) || best.rest != Rest::Unknown || best.evidence < LEAST_EVIDENCE
         {
             return None;
         }
@@ -340,7 +338,7 @@ impl Triangulator {
     fn explain_away(&mut self) {
         for i in 0..self.hypotheses.len() {
             let h = self.hypotheses[i];
-            if h.rest != Rest::Unknown {
+            if h.rest == Rest::LookAlike {
                 continue;
             }
             let explained = (0..self.cameras.len()).filter(|camera| {
