@@ -4,7 +4,8 @@
 #
 #   PROFILE=dev   build with the dev profile instead of release
 #   BUILT=FOLDER  take the executables from there instead of building them
-#   ROWS=REGEX    only the rows whose names match
+#   ROWS=REGEX    only the sections of tests/usb-guest/rows.sh whose names match
+#   ONLY=REGEX    of those, only the rows whose titles match
 #   ICOUNT=off    run the guest on the host's clock instead of virtual time, to let races happen
 #   KEEP=FOLDER   leave the guest's console and report there
 #
@@ -19,7 +20,7 @@ icount=${ICOUNT:-on}
 mkdir -p "$cache"
 
 fail() { echo "FAILED usb-guest: $*" >&2; exit 1; }
-for tool in apt-get apt-cache dpkg-deb python3 timeout cargo strip ldd; do
+for tool in apt-get apt-cache dpkg-deb python3 timeout cargo strip ldd "${CC:-cc}"; do
     command -v "$tool" >/dev/null || fail "$tool is missing on this machine"
 done
 
@@ -89,6 +90,7 @@ done | sort -u > "$work/libraries"
 ! grep MISSING "$work/libraries" || fail "a library is in none of the packages"
 while read -r library; do cp -L "$library" "$fs/lib/"; done < "$work/libraries"
 cp -L /lib64/ld-linux-x86-64.so.2 "$fs/lib64/"
+"${CC:-cc}" -O2 -fno-builtin -shared -fPIC -o "$fs/lib/copies.so" "$here/src/interposer.c" || fail "the count of copies"
 modules=$tree/lib/modules/${kernel#linux-image-}/kernel/drivers/usb
 for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
     found=$(ls "$modules/$module".ko* 2>/dev/null | head -1)
@@ -96,9 +98,12 @@ for module in common/usb-common core/usbcore usbip/usbip-core usbip/vhci-hcd; do
     cp "$found" "$fs/mod/$(basename "$module").ko"
 done
 cp "$here/usb-guest/init.sh" "$fs/init"
-"$out/usb-footage" "$here/usb-guest/film.toml" 64 "$fs/etc/film" "$fs/etc/truth.csv" || fail "the footage"
+if echo pipeline | grep -Eq "${ROWS:-}"; then
+    "$out/usb-footage" "$here/usb-guest/film.toml" 64 "$fs/etc/film" "$fs/etc/truth.csv" || fail "the footage"
+fi
 cp "$here"/usb-guest/*.toml "$here/usb-guest/rows.sh" "$fs/etc/"
 printf '%s' "${ROWS:-}" > "$fs/etc/rows-wanted"
+printf '%s' "${ONLY:-}" > "$fs/etc/only"
 chmod +x "$fs/init"
 cpio=$(command -v cpio || echo "$tree/bin/cpio")
 (cd "$fs" && find . | "$cpio" -o -H newc --quiet > "$work/initrd")
@@ -110,7 +115,7 @@ time_flags=(-icount shift=1,sleep=off)
 : > "$work/report"
 code=0
 LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout ${LIMIT:-330} \
-    "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max,-erms,-fsrm -smp 1 -m 1536 \
+    "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max,-erms,-fsrm -smp 1 -m 2048 \
     -kernel "$cache/vmlinux" -initrd "$work/initrd" \
     -append "console=ttyS0 panic=-1 quiet mitigations=off" \
     -nodefaults -display none -monitor none -serial "file:$work/console" -serial "file:$work/report" -no-reboot \

@@ -41,6 +41,11 @@ impl Copies {
         Self { library, counts }
     }
 
+    /// A library that was built before, and an empty folder for the counts.
+    pub fn with(library: &Path, counts: &Path) -> Self {
+        Self { library: library.to_owned(), counts: counts.to_owned() }
+    }
+
     /// Has `command`, and what it starts, count.
     pub fn preload<'a>(&self, command: &'a mut Command) -> &'a mut Command {
         command.env("LD_PRELOAD", &self.library).env("NETCORD_COPIES", &self.counts)

@@ -29,6 +29,7 @@ section_clean() {
     for depth in 2 4 7; do scenario clean /etc/small.toml --depth $depth --ms 6000 --frames 100; done
     scenario clean /etc/free-run.toml --skew-us 25000
     scenario clean /etc/hardware.toml --skew-us 1000
+    scenario slip /etc/hardware.toml
     unplug
     plug 2 --wires --stamp-end
     scenario clean /etc/wired.toml --skew-us 1300
@@ -39,6 +40,7 @@ section_large() {
     plug 2
     scenario clean /etc/large.toml --depth 3 --ms 4000
     for plan in stall lose-trailer short-payload; do scenario fault /etc/large.toml --plan "$plan@4" --ms 3000; done
+    scenario copies /etc/large.toml --library /lib/copies.so
     unplug
 }
 
@@ -57,6 +59,8 @@ section_faults() {
 section_slow() {
     plug 1 --high-speed --left-enabled
     scenario slow /etc/one.toml
+    row "doctor names a slow link" "480 Mb/s" doctor
+    row "doctor cures a slow link" "blue USB 3 port" doctor
     unplug
 }
 
@@ -64,6 +68,8 @@ section_limit() {
     usbfs 1
     plug 2
     scenario limit /etc/large.toml
+    row "doctor cures too little usbfs memory" "echo 256 .*usbfs_memory_mb" doctor --rig /etc/large.toml
+    row "doctor names what shares a controller" "0001, 0002 share" doctor --rig /etc/large.toml
     unplug
     usbfs 256
 }
@@ -87,7 +93,12 @@ section_commands() {
     row "an unknown feature" "no feature .*ExposureTim" fails netcord cameras get ExposureTim
     row "a value out of range" "out of range for Gain" fails netcord cameras set Gain=99
     row "an unknown camera" "0001" fails netcord cameras get --serial 0009 Gain
-    row "doctor" "good +usbfs memory" sh -c "netcord doctor --rig /etc/one.toml || true"
+    row "doctor" "good +usbfs memory" doctor --rig /etc/one.toml
+    unplug
+    plug 1 --not-vision
+    row "cameras list names what is none" "MindVision .*f622:0001.* is no USB3 Vision camera: .*ff/00" \
+        fails netcord cameras list
+    row "doctor names what is none" "maker's own protocol" doctor
     unplug
 }
 
@@ -104,6 +115,8 @@ section_cost() {
 }
 
 fails() { ! timeout 60 "$@"; }
+# Its exit code tells what it found, and that is not what rows are about.
+doctor() { timeout 60 netcord doctor "$@" || true; }
 
 usbfs 256
 for section in aravis clean faults large slow limit deep commands pipeline cost; do

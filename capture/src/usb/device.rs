@@ -226,7 +226,7 @@ impl Camera {
     /// # Errors
     /// [`CameraError`].
     pub fn plan(&mut self) -> Result<FramePlan, CameraError> {
-        Ok(FramePlan::new(&self.sirm.read(&mut self.channel)?)?)
+        Ok(FramePlan::new(&self.sirm.read(&mut self.channel)?, self.endpoints.stream_packet.into())?)
     }
 
     /// Stops acquisition and stream, whoever started them: a process that died leaves both on.

@@ -17,6 +17,8 @@ pub struct Endpoints {
     pub control_in: u8,
     /// For frames.
     pub stream: u8,
+    /// Bytes of a packet on it.
+    pub stream_packet: u16,
 }
 
 /// A USB3 Vision camera that is plugged in.
@@ -155,16 +157,24 @@ pub fn endpoints_of(device: &Device<Context>) -> Result<(Endpoints, DeviceInfo),
                     }
                 }
                 (0xEF, 0x05, 0x02) if stream.is_none() => {
-                    stream = bulk(Direction::In).map(|e| (setting.interface_number(), e));
+                    let packet = setting
+                        .endpoint_descriptors()
+                        .find(|e| Some(e.address()) == bulk(Direction::In))
+                        .map_or(1024, |e| e.max_packet_size());
+                    stream = bulk(Direction::In).map(|e| (setting.interface_number(), e, packet));
                 }
                 _ => {}
             }
         }
     }
     match (control, stream) {
-        (Some((control_interface, control_out, control_in)), Some((stream_interface, stream))) => {
-            Ok((Endpoints { control_interface, stream_interface, control_out, control_in, stream }, info))
-        }
+        (
+            Some((control_interface, control_out, control_in)),
+            Some((stream_interface, stream, stream_packet)),
+        ) => Ok((
+            Endpoints { control_interface, stream_interface, control_out, control_in, stream, stream_packet },
+            info,
+        )),
         _ => Err(format!(
             "it has no USB3 Vision interfaces (class ef/05/00 and ef/05/02), but {}: it speaks its maker's own protocol",
             if classes.is_empty() { "none".to_owned() } else { classes.join(", ") }

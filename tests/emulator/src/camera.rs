@@ -1,7 +1,7 @@
 use std::collections::VecDeque;
 
 use crate::{
-    CameraConfig, Fault, FaultPlan, ImageSource, InEndpoint, LinkSpeed, Shot, StampAt, control,
+    CameraConfig, Fault, FaultPlan, ImageSource, InEndpoint, LinkSpeed, Shot, StampAt, Victim, control,
     description::{description, sha1, zipped},
     frame::{Cut, transfers},
     registers::{Registers, at},
@@ -44,6 +44,7 @@ pub struct Camera {
     block: u64,
     frames: u64,
     commands: u64,
+    triggers: u64,
     missed_triggers: u64,
     dropped: u64,
     stalled_control: bool,
@@ -59,10 +60,7 @@ impl std::fmt::Debug for Camera {
 impl Camera {
     /// A camera as after power-on.
     pub fn new(config: CameraConfig, images: Box<dyn ImageSource>) -> Self {
-        let packet = match config.speed {
-            LinkSpeed::High => 512,
-            LinkSpeed::Super => 1024,
-        };
+        let packet = config.speed.packet();
         let mut camera = Self {
             registers: power_on(&config),
             faults: config.faults.clone(),
@@ -78,6 +76,7 @@ impl Camera {
             block: 0,
             frames: 0,
             commands: 0,
+            triggers: 0,
             missed_triggers: 0,
             dropped: 0,
             stalled_control: false,
@@ -114,11 +113,12 @@ impl Camera {
         self.dropped
     }
 
-    /// Sets the faults; frames and commands are counted from now.
+    /// Sets the faults; frames, commands and triggers are counted from now.
     pub fn set_faults(&mut self, plan: FaultPlan) {
         self.faults = plan;
         self.frames = 0;
         self.commands = 0;
+        self.triggers = 0;
     }
 
     /// Whether the plan has unplugged it; reading this plugs it in again, as after power-on.
@@ -143,7 +143,7 @@ impl Camera {
     pub fn command(&mut self, packet: &[u8], now: u64) {
         let Some(command) = control::parse(packet) else { return };
         self.commands += 1;
-        let fault = self.faults.strikes(true, self.commands);
+        let fault = self.faults.strikes(Victim::Command, self.commands);
         let reply = control::answer(self, &command, now);
         let mut due = now;
         match fault {
@@ -255,7 +255,7 @@ impl Camera {
             return Err(0xA002);
         }
         let size = |address| self.registers.u32(address);
-        let align = 1_u32 << self.config.alignment_log2;
+        let align = 1_u32 << self.config.alignment();
         let sizes = [at::SIRM_PAYLOAD_SIZE, at::SIRM_FINAL_1, at::SIRM_FINAL_2].map(size);
         if sizes.iter().any(|s| s % align != 0) {
             return Err(0xA003);
@@ -297,6 +297,10 @@ impl Camera {
 
     fn trigger(&mut self, now: u64) {
         if !self.acquiring {
+            return;
+        }
+        self.triggers += 1;
+        if self.faults.strikes(Victim::Trigger, self.triggers) == Some(Fault::MissTrigger) {
             return;
         }
         let delay = (self.registers.f64(at::TRIGGER_DELAY) * 1000.0) as u64;
@@ -404,7 +408,7 @@ impl Camera {
             return;
         }
         self.frames += 1;
-        let fault = self.faults.strikes(false, self.frames);
+        let fault = self.faults.strikes(Victim::Frame, self.frames);
         match fault {
             Some(Fault::Skip) => return,
             Some(Fault::Stall) => {
@@ -471,7 +475,7 @@ fn power_on(config: &CameraConfig) -> Registers {
     r.set_u32(at::SBRM + 0x28, 0x30);
     r.set_u32(at::SBRM + 0x40, if config.speed == LinkSpeed::Super { 8 } else { 4 });
 
-    r.set_u32(at::SIRM_INFO, u32::from(config.alignment_log2) << 24);
+    r.set_u32(at::SIRM_INFO, u32::from(config.alignment()) << 24);
     r.set_u32(at::SIRM_REQUIRED_LEADER, 52);
     r.set_u32(at::SIRM_REQUIRED_TRAILER, 32);
 

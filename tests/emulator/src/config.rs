@@ -20,6 +20,16 @@ pub enum LinkSpeed {
     Super,
 }
 
+impl LinkSpeed {
+    /// Bytes of a bulk packet.
+    pub const fn packet(self) -> usize {
+        match self {
+            Self::High => 512,
+            Self::Super => 1024,
+        }
+    }
+}
+
 /// What the emulated camera is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraConfig {
@@ -31,6 +41,8 @@ pub struct CameraConfig {
     pub sensor: (u32, u32),
     /// PFNC code of the format after power-on.
     pub pixel_format: u32,
+    /// Whether its interfaces are of the class of USB3 Vision; else they are its maker's own.
+    pub is_vision: bool,
     /// Whether it offers formats of more than 8 bits only.
     pub deep_only: bool,
     /// Alignment of transfers, as a logarithm.
@@ -55,6 +67,13 @@ pub struct CameraConfig {
     pub faults: FaultPlan,
 }
 
+impl CameraConfig {
+    /// Alignment of transfers in force, as a logarithm: at most a packet of the link.
+    pub fn alignment(&self) -> u8 {
+        self.alignment_log2.min(u8::try_from(self.speed.packet().ilog2()).unwrap_or(u8::MAX))
+    }
+}
+
 impl Default for CameraConfig {
     fn default() -> Self {
         Self {
@@ -62,6 +81,7 @@ impl Default for CameraConfig {
             usb_id: (0x1209, 0xE301),
             sensor: (1920, 1200),
             pixel_format: 0x0108_0009,
+            is_vision: true,
             deep_only: false,
             alignment_log2: 10,
             stacked: true,

@@ -38,7 +38,8 @@ impl Descriptors {
         ];
         let mut body = Vec::new();
         // Interface association: both interfaces are one USB3 Vision function.
-        body.extend([8, 11, 0, 2, 0xEF, 5, 0, 0]);
+        let class = if config.is_vision { [0xEF, 5] } else { [0xFF, 0] };
+        body.extend([8, 11, 0, 2, class[0], class[1], 0, 0]);
         let endpoint = |address: u8| {
             let mut e = vec![7, 5, address, 2];
             e.extend(if superspeed { 1024_u16 } else { 512 }.to_le_bytes());
@@ -49,12 +50,12 @@ impl Descriptors {
             }
             e
         };
-        body.extend([9, 4, 0, 0, 2, 0xEF, 5, 0, 0]);
+        body.extend([9, 4, 0, 0, 2, class[0], class[1], 0, 0]);
         // U3V device info: GenCP 1.3, U3V 1.2, then indices of strings, then the speeds it knows.
         body.extend([20, 0x24, 1, 3, 0, 1, 0, 2, 0, 1, 0, 4, 1, 2, 5, 6, 7, 3, 0, 0x0c]);
         body.extend(endpoint(endpoints::CONTROL_IN));
         body.extend(endpoint(endpoints::CONTROL_OUT));
-        body.extend([9, 4, 1, 0, 1, 0xEF, 5, 2, 0]);
+        body.extend([9, 4, 1, 0, 1, class[0], class[1], 2, 0]);
         body.extend(endpoint(endpoints::STREAM_IN));
         let total = u16::try_from(9 + body.len()).unwrap_or(u16::MAX).to_le_bytes();
         let mut configuration =

@@ -29,6 +29,8 @@ pub enum Fault {
     Skip,
     /// The device is unplugged after the frame.
     Unplug,
+    /// The trigger is not noticed: neither a frame nor a block id comes of it.
+    MissTrigger,
     /// The acknowledge is not sent.
     LoseAck,
     /// The acknowledge comes this many ms late.
@@ -41,7 +43,7 @@ pub enum Fault {
     StallControl,
 }
 
-const NAMES: [(&str, Fault); 18] = [
+const NAMES: [(&str, Fault); 19] = [
     ("stall", Fault::Stall),
     ("lose-leader", Fault::LoseLeader),
     ("lose-trailer", Fault::LoseTrailer),
@@ -55,6 +57,7 @@ const NAMES: [(&str, Fault); 18] = [
     ("overrun", Fault::Overrun),
     ("skip", Fault::Skip),
     ("unplug", Fault::Unplug),
+    ("miss-trigger", Fault::MissTrigger),
     ("lose-ack", Fault::LoseAck),
     ("late-ack", Fault::LateAck(300)),
     ("stale-ack", Fault::StaleAck),
@@ -62,22 +65,36 @@ const NAMES: [(&str, Fault); 18] = [
     ("stall-control", Fault::StallControl),
 ];
 
+/// What faults strike, and are counted by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Victim {
+    /// A frame that is to be sent.
+    Frame,
+    /// A command on the control endpoint.
+    Command,
+    /// A trigger impulse, by a line or by software.
+    Trigger,
+}
+
 impl Fault {
-    /// Whether it strikes commands (and not frames).
-    pub const fn is_control(self) -> bool {
-        matches!(
-            self,
-            Self::LoseAck | Self::LateAck(_) | Self::StaleAck | Self::PendingAck(_) | Self::StallControl
-        )
+    /// What it strikes.
+    pub const fn victim(self) -> Victim {
+        match self {
+            Self::LoseAck | Self::LateAck(_) | Self::StaleAck | Self::PendingAck(_) | Self::StallControl => {
+                Victim::Command
+            }
+            Self::MissTrigger => Victim::Trigger,
+            _ => Victim::Frame,
+        }
     }
 }
 
-/// When a fault strikes: frames and commands are counted from the moment the plan was set, from 1.
+/// When a fault strikes: frames, commands and triggers are counted from the moment the plan was set, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaultRule {
     /// What.
     pub fault: Fault,
-    /// At which frame or command first.
+    /// At which frame, command or trigger first.
     pub at: u64,
     /// Then again after this many; 0 = never.
     pub every: u64,
@@ -123,12 +140,12 @@ impl FromStr for FaultPlan {
 }
 
 impl FaultPlan {
-    /// The fault that strikes the `count`-th frame (`control` false) or command (true).
-    pub fn strikes(&self, control: bool, count: u64) -> Option<Fault> {
+    /// The fault that strikes the `count`-th of its kind of victim.
+    pub fn strikes(&self, victim: Victim, count: u64) -> Option<Fault> {
         self.rules
             .iter()
             .find(|rule| {
-                rule.fault.is_control() == control
+                rule.fault.victim() == victim
                     && (count == rule.at
                         || (rule.every > 0
                             && count > rule.at
@@ -144,11 +161,12 @@ mod tests {
 
     #[test]
     fn plans_are_read_and_strike_when_they_say() {
-        let plan: FaultPlan = "stall@3+4 lose-ack@2".parse().expect("a plan");
-        let frames: Vec<u64> = (1..12).filter(|n| plan.strikes(false, *n).is_some()).collect();
+        let plan: FaultPlan = "stall@3+4 lose-ack@2 miss-trigger@4".parse().expect("a plan");
+        let frames: Vec<u64> = (1..12).filter(|n| plan.strikes(Victim::Frame, *n).is_some()).collect();
         assert_eq!(frames, [3, 7, 11]);
-        assert_eq!(plan.strikes(true, 2), Some(Fault::LoseAck));
-        assert_eq!(plan.strikes(true, 3), None);
+        assert_eq!(plan.strikes(Victim::Command, 2), Some(Fault::LoseAck));
+        assert_eq!(plan.strikes(Victim::Command, 3), None);
+        assert_eq!(plan.strikes(Victim::Trigger, 4), Some(Fault::MissTrigger));
         assert!("explode@1".parse::<FaultPlan>().is_err());
     }
 }

@@ -24,6 +24,6 @@ pub use camera::{Camera, Edge};
 pub use config::{CameraConfig, LinkSpeed, StampAt};
 pub use descriptors::Descriptors;
 pub use endpoint::{Completion, InEndpoint, UrbEnd};
-pub use fault::{Fault, FaultError, FaultPlan, FaultRule};
+pub use fault::{Fault, FaultError, FaultPlan, FaultRule, Victim};
 pub use frame::{ImageSource, PatternImages, Shot};
 pub use rig::{Rig, Wire};

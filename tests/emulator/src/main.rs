@@ -8,7 +8,7 @@ use netcord_emulator::{
 };
 
 const USAGE: &str = "netcord-emulator [--cameras N] [--size WxH] [--port P] [--wires] [--high-speed] \
-                     [--left-enabled] [--stamp-end] [--deep-only] [--faults PLAN] [--footage FILE]\n\
+                     [--left-enabled] [--stamp-end] [--deep-only] [--not-vision] [--faults PLAN] [--footage FILE]\n\
                      --wires: camera 0 strobes line 1, which is line 0 of all others";
 
 struct Options {
@@ -42,6 +42,11 @@ fn options(mut words: impl Iterator<Item = String>) -> Result<Options, String> {
                 o.config.deep_only = true;
                 // BayerRG12p.
                 o.config.pixel_format = 0x010C_0059;
+            }
+            "--not-vision" => {
+                o.config.is_vision = false;
+                // A maker whose older cameras speak a protocol of their own.
+                o.config.usb_id = (0xF622, 0x0001);
             }
             "--wires" => o.wires = true,
             "--high-speed" => o.config.speed = LinkSpeed::High,

@@ -46,25 +46,27 @@ impl FramePlan {
     /// Largest transfer: usbfs needs its memory in one piece where a host controller cannot gather it.
     const TRANSFER: u32 = 1 << 20;
 
-    /// The plan for a device's demands.
+    /// The plan for a device's demands, on a stream endpoint with packets of `packet` bytes.
     ///
     /// # Errors
     /// [`PlanError`].
-    pub fn new(sirm: &Sirm) -> Result<Self, PlanError> {
+    pub fn new(sirm: &Sirm, packet: u32) -> Result<Self, PlanError> {
         let payload = u32::try_from(sirm.payload).unwrap_or(u32::MAX);
         if payload == 0 || payload > 1 << 30 {
             return Err(PlanError::Payload(sirm.payload));
         }
-        let packet = sirm.leader.max(sirm.trailer);
-        if packet > 1 << 16 {
-            return Err(PlanError::Packet(packet));
+        let side = sirm.leader.max(sirm.trailer);
+        if side > 1 << 16 {
+            return Err(PlanError::Packet(side));
         }
         // At least one whole packet of SuperSpeed: a payload that lands here by mistake must not
         // overflow, since that would halt the endpoint.
         let align = sirm.alignment.max(1);
         let side = |bytes: u32| bytes.max(1024).next_multiple_of(align.max(1024));
-        // A whole number of packets too, or the device's next packet would overflow a transfer.
-        let unit = align.max(1024);
+        // A whole number of packets too, or the device's next packet would overflow a transfer; and not more
+        // of them than the payload needs: on a slow link, with packets of 512 bytes, a payload that ends with
+        // a whole packet would leave the transfer open, and the trailer would run into it.
+        let unit = align.max(packet.max(1));
         let transfer = Self::TRANSFER.max(unit);
         let count = payload / transfer;
         let final1 = (payload % transfer).next_multiple_of(unit);
@@ -94,16 +96,26 @@ mod tests {
 
     #[test]
     fn plans_cover_the_payload_in_aligned_transfers() {
-        for (payload, log2) in
-            [(1, 0), (1023, 2), (2_304_000, 10), (1 << 20, 10), ((1 << 20) + 1, 12), (98_304, 13)]
-        {
+        for (payload, log2, packet) in [
+            (1, 0, 1024),
+            (1023, 2, 1024),
+            (2_304_000, 10, 1024),
+            (1 << 20, 10, 1024),
+            ((1 << 20) + 1, 12, 512),
+            (98_304, 13, 1024),
+            (64_000, 9, 512),
+        ] {
             let sirm = Sirm { alignment: 1 << log2, enabled: false, payload, leader: 52, trailer: 32 };
-            let plan = FramePlan::new(&sirm).expect("possible");
+            let plan = FramePlan::new(&sirm, packet).expect("possible");
             let s = plan.sizes;
             for size in [s.leader, s.trailer, s.payload, s.final1] {
                 assert_eq!(size % (1 << log2), 0, "{payload} {log2}");
+                assert_eq!(size % packet, 0, "{payload} {log2}");
             }
-            assert!(plan.slot as u64 >= payload && plan.slot as u64 - payload < (1_u64 << log2).max(1024));
+            assert!(
+                plan.slot as u64 >= payload
+                    && plan.slot as u64 - payload < (1_u64 << log2).max(packet.into())
+            );
             assert_eq!(plan.slot, (s.payload * s.count + s.final1) as usize);
             let covered: usize = plan
                 .roles
@@ -113,8 +125,8 @@ mod tests {
             assert_eq!(covered, plan.slot);
         }
         let sirm = Sirm { alignment: 1024, enabled: false, payload: 0, leader: 52, trailer: 32 };
-        assert!(FramePlan::new(&sirm).is_err());
-        assert!(FramePlan::new(&Sirm { payload: u64::MAX, ..sirm }).is_err());
-        assert!(FramePlan::new(&Sirm { payload: 5, leader: 1 << 20, ..sirm }).is_err());
+        assert!(FramePlan::new(&sirm, 1024).is_err());
+        assert!(FramePlan::new(&Sirm { payload: u64::MAX, ..sirm }, 1024).is_err());
+        assert!(FramePlan::new(&Sirm { payload: 5, leader: 1 << 20, ..sirm }, 1024).is_err());
     }
 }

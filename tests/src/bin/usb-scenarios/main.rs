@@ -2,6 +2,7 @@
 //! reader of the bus sees: `usb-scenarios SCENARIO RIG.toml [--name value …]`. The row that it prints begins
 //! with `ok` or `FAILED`.
 
+mod copies;
 mod cost;
 mod harness;
 mod pipeline;
@@ -56,6 +57,9 @@ fn main() -> ExitCode {
         "slow" => scenarios::slow,
         "limit" => scenarios::limit,
         "deep" => scenarios::deep,
+        "slip" => scenarios::slip,
+        "copies" => copies::copies,
+        "copy-a-frame" => copies::copy_a_frame,
         "cost" => cost::cost,
         "pipeline" => pipeline::pipeline,
         _ => {

@@ -11,8 +11,9 @@ use std::{
 
 use netcord_common::{
     Clock, DomainName, MonotonicClock,
-    bus::{Bus, FrameSubscriber, Topic},
+    bus::{Bus, FrameSubscriber, Subscriber, Topic},
     rig::Rig,
+    wire::{BallPosition, Detections, Frameset, PositionOutcome, Verdict},
 };
 use nix::{
     sys::signal::{Signal, kill},
@@ -85,37 +86,100 @@ const WARM_UP: u64 = 16;
 /// As of the pipeline's own demo: a position this far off is none.
 const NEAR_M: f64 = 0.05;
 
+/// What the bus carried.
+struct Observer {
+    frames: Vec<FrameSubscriber>,
+    framesets: Subscriber<Frameset>,
+    detections: Vec<Subscriber<Detections>>,
+    positions: Subscriber<BallPosition>,
+    /// Trigger → block, by camera.
+    blocks: Vec<BTreeMap<u64, u64>>,
+    /// Trigger → position.
+    found: BTreeMap<u64, [f64; 3]>,
+    /// How often each verdict of framesets, and each reason for having no position, was given.
+    outcomes: BTreeMap<String, u64>,
+    /// From a frame's publication to its detections, the longest, ns.
+    slowest_ns: u64,
+    /// Frames that the segmenter did not look at, by camera.
+    overlooked: Vec<u64>,
+}
+
+impl Observer {
+    fn new(bus: &Bus, rig: &Rig) -> Result<Self, Box<dyn Error>> {
+        let cameras = || rig.cameras.iter().map(|c| &c.name);
+        Ok(Self {
+            frames: cameras()
+                .map(|c| FrameSubscriber::open(bus, &Topic::frames(c), 8))
+                .collect::<Result<_, _>>()?,
+            framesets: bus.subscriber(&Topic::frameset())?,
+            detections: cameras().map(|c| bus.subscriber(&Topic::detections(c))).collect::<Result<_, _>>()?,
+            positions: bus.subscriber(&Topic::position())?,
+            blocks: vec![BTreeMap::new(); rig.cameras.len()],
+            found: BTreeMap::new(),
+            outcomes: BTreeMap::new(),
+            slowest_ns: 0,
+            overlooked: vec![0; rig.cameras.len()],
+        })
+    }
+
+    fn look(&mut self) -> Result<(), Box<dyn Error>> {
+        for (reader, blocks) in self.frames.iter().zip(&mut self.blocks) {
+            while let Some(frame) = reader.receive()? {
+                blocks.insert(frame.header().trigger_id, frame.header().block_id);
+            }
+        }
+        for (reader, overlooked) in self.detections.iter().zip(&mut self.overlooked) {
+            while let Some(d) = reader.receive()? {
+                *overlooked = d.frames_lost;
+                let took = d.stamps.segment_published_ns.saturating_sub(d.stamps.frame_published_ns);
+                self.slowest_ns = self.slowest_ns.max(took);
+                let what = format!("camera{}:{}", d.camera, if d.count > 0 { "seen" } else { "empty" });
+                *self.outcomes.entry(what).or_default() += 1;
+            }
+        }
+        while let Some(frameset) = self.framesets.receive()? {
+            let verdict = Verdict::from_code(frameset.verdict).map_or("?", Verdict::name);
+            *self.outcomes.entry(verdict.to_owned()).or_default() += 1;
+        }
+        while let Some(position) = self.positions.receive()? {
+            let outcome = match position.outcome() {
+                PositionOutcome::Position => {
+                    self.found.insert(position.trigger_id, position.position_m);
+                    "position"
+                }
+                PositionOutcome::None(reason) => reason.name(),
+            };
+            *self.outcomes.entry(outcome.to_owned()).or_default() += 1;
+        }
+        Ok(())
+    }
+
+    fn describe(&self) -> String {
+        let outcomes: Vec<String> = self.outcomes.iter().map(|(what, n)| format!("{what}={n}")).collect();
+        format!(
+            "frames {:?}, {}, {:?} frames overlooked, frame to detections at most {} ms",
+            self.blocks.iter().map(BTreeMap::len).collect::<Vec<_>>(),
+            outcomes.join(" "),
+            self.overlooked,
+            self.slowest_ns / 1_000_000
+        )
+    }
+}
+
 /// Runs capture, segment and triangulate as processes for as long as the footage lasts.
 pub(crate) fn pipeline(rig: &Rig, o: &Options) -> Outcome {
     let truth = truth(o.text("truth"))?;
     let frames = o.number("frames", 60);
     let domain = format!("pipeline-{}", std::process::id());
     let bus = Bus::join(&DomainName::new(domain.clone())?, "usb-scenarios")?;
-    let readers = rig
-        .cameras
-        .iter()
-        .map(|c| FrameSubscriber::open(&bus, &Topic::frames(&c.name), 8))
-        .collect::<Result<Vec<_>, _>>()?;
-    let positions = bus.subscriber(&Topic::position())?;
+    let mut seen = Observer::new(&bus, rig)?;
     let mut stages = Stages::start(o.text("rig"), &domain)?;
-    // Trigger → block, by camera; trigger → position.
-    let mut blocks = vec![BTreeMap::new(); rig.cameras.len()];
-    let mut found = BTreeMap::new();
-    let limit = MonotonicClock.now().as_ns() + o.number("ms", 30_000) * 1_000_000;
+    let limit = MonotonicClock.now().as_ns() + o.number("ms", 40_000) * 1_000_000;
     let mut end = None;
     loop {
-        for (reader, blocks) in readers.iter().zip(&mut blocks) {
-            while let Some(frame) = reader.receive()? {
-                blocks.insert(frame.header().trigger_id, frame.header().block_id);
-            }
-        }
-        while let Some(position) = positions.receive()? {
-            if position.is_present() {
-                found.insert(position.trigger_id, position.position_m);
-            }
-        }
+        seen.look()?;
         let now = MonotonicClock.now().as_ns();
-        if blocks[0].values().last().is_some_and(|last| *last >= frames) {
+        if seen.blocks[0].values().last().is_some_and(|last| *last >= frames) {
             // The last frames are under way through the stages.
             end.get_or_insert(now + 500_000_000);
         }
@@ -126,15 +190,15 @@ pub(crate) fn pipeline(rig: &Rig, o: &Options) -> Outcome {
     }
     stages.stop()?;
     let (mut errors, mut expected, mut wrong) = (Vec::new(), 0, Vec::new());
-    for (trigger, block) in &blocks[0] {
-        if *block < WARM_UP || *block >= frames || !blocks.iter().all(|b| b.contains_key(trigger)) {
+    for (trigger, block) in &seen.blocks[0] {
+        if *block < WARM_UP || *block >= frames || !seen.blocks.iter().all(|b| b.contains_key(trigger)) {
             continue;
         }
         let distance =
             |p: &[f64; 3], t: &[f64; 3]| p.iter().zip(t).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let ball = truth.get(block);
         expected += usize::from(ball.is_some());
-        match (found.get(trigger), ball) {
+        match (seen.found.get(trigger), ball) {
             (Some(p), Some(t)) if distance(p, t) <= NEAR_M => errors.push(distance(p, t) * 1e3),
             (Some(p), Some(t)) => wrong.push(format!("block {block}: {:.0} mm off", distance(p, t) * 1e3)),
             _ => {}
@@ -144,15 +208,14 @@ pub(crate) fn pipeline(rig: &Rig, o: &Options) -> Outcome {
     let median = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
     let p95 = errors.get(errors.len() * 95 / 100).copied().unwrap_or(f64::NAN);
     let detail = format!(
-        "{} of {expected} balls found, error median {median:.2} mm, 95 % {p95:.2} mm, {} frames of each camera",
+        "{} of {expected} balls found, error median {median:.2} mm, 95 % {p95:.2} mm; {}",
         errors.len(),
-        blocks[0].len()
+        seen.describe()
     );
     ensure(wrong.is_empty(), || format!("wrong positions: {}; {detail}", wrong.join(", ")))?;
     ensure(expected >= 20, || format!("too few frames with a ball; {detail}"))?;
     ensure(errors.len() * 100 >= expected * 90, || detail.clone())?;
-    // A ball of 8 px, seen to a tenth of a pixel, is 0.5 mm at these distances; at 20 m/s its image is longer
-    // than wide.
-    ensure(median <= 2.0 && p95 <= 10.0, || detail.clone())?;
+    // The pipeline's own demo has these bounds.
+    ensure(median <= 2.0 && p95 <= 6.0, || detail.clone())?;
     Ok(detail)
 }

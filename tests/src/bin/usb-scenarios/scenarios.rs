@@ -107,6 +107,38 @@ pub(crate) fn fault(rig: &Rig, o: &Options) -> Outcome {
     Ok(format!("{lost} lost, largest gap {gap:.1} ms; {detail}"))
 }
 
+/// A slave misses one impulse of its master, and does not count it: its next frame is matched with the right
+/// one of the master's again.
+pub(crate) fn slip(rig: &Rig, o: &Options) -> Outcome {
+    set_faults(rig, 1, "miss-trigger@20")?;
+    let run = capture(rig, 4, o.number("ms", 3000), |_, _| {})?;
+    let detail = counts(&run);
+    contents_right(&run).map_err(|e| format!("{e}; {detail}"))?;
+    let by_trigger = |seen: &Seen| -> BTreeMap<u64, (u64, u64)> {
+        seen.headers.iter().map(|h| (h.trigger_id, (h.block_id, h.stamps.mid_exposure_ns))).collect()
+    };
+    let (master, slave) = (by_trigger(&run.cameras[0]), by_trigger(&run.cameras[1]));
+    // By how many frames the slave is behind, trigger by trigger.
+    let mut behind = Vec::new();
+    for (trigger, (block, mid)) in &master {
+        let Some((other, other_mid)) = slave.get(trigger) else { continue };
+        let skew = mid.abs_diff(*other_mid);
+        ensure(skew < 1_000_000, || format!("trigger {trigger}: {skew} ns apart; {detail}"))?;
+        behind.push(block.wrapping_sub(*other).cast_signed());
+    }
+    let steps: Vec<i64> = behind.windows(2).map(|w| w[1] - w[0]).filter(|step| *step != 0).collect();
+    ensure(steps == [1], || format!("the slave fell behind by {steps:?}; {detail}"))?;
+    let missing = master.keys().filter(|id| !slave.contains_key(id)).filter(|id| {
+        slave.keys().next().is_some_and(|first| first < *id)
+            && slave.keys().last().is_some_and(|last| *id < last)
+    });
+    let missing = missing.count();
+    ensure(missing == 1, || format!("{missing} frames of the slave are missing; {detail}"))?;
+    let slips = run.counters.get("usb_slips").copied().unwrap_or(0);
+    ensure(slips == 1, || format!("{slips} slips counted; {detail}"))?;
+    Ok(format!("matched again with the next frame; {detail}"))
+}
+
 /// Unplugged and plugged in again by somebody else: frames again, the other camera undisturbed.
 pub(crate) fn replug(rig: &Rig, o: &Options) -> Outcome {
     set_faults(rig, 0, "unplug@12")?;

@@ -1,6 +1,6 @@
 use std::{collections::HashMap, time::Duration};
 
-use netcord_emulator::{FaultPlan, UrbEnd, pattern};
+use netcord_emulator::{CameraConfig, FaultPlan, LinkSpeed, UrbEnd, pattern};
 
 use super::*;
 use crate::usb::{
@@ -27,15 +27,20 @@ const STOP: u64 = 0x20_0020;
 const WIDTH: u64 = 0x20_0000;
 
 impl Stream {
-    fn new(depth: usize, faults: &str, (width, height): (u32, u32)) -> Self {
-        let mut bench = Bench::new();
+    fn new(depth: usize, faults: &str, size: (u32, u32)) -> Self {
+        Self::of(CameraConfig::default(), depth, faults, size)
+    }
+
+    fn of(config: CameraConfig, depth: usize, faults: &str, (width, height): (u32, u32)) -> Self {
+        let packet = u32::try_from(config.speed.packet()).expect("small");
+        let mut bench = Bench::of([config]);
         let mut control = bench.channel(0);
         control.write(WIDTH, &width.to_le_bytes()).expect("width");
         control.write(WIDTH + 4, &height.to_le_bytes()).expect("height");
         let abrm = Abrm::read(&mut control).expect("abrm");
         let sbrm = Sbrm::read(&mut control, abrm.sbrm).expect("sbrm");
         let sirm = SirmAddress(sbrm.sirm.expect("a stream"));
-        let plan = FramePlan::new(&sirm.read(&mut control).expect("sirm")).expect("a plan");
+        let plan = FramePlan::new(&sirm.read(&mut control).expect("sirm"), packet).expect("a plan");
         let expected = Expected { width, height, pixel_format: 0x0108_0009 };
         let buffers = vec![vec![0; plan.slot]; depth];
         let ring = Ring::new(plan, expected, buffers).expect("large enough");
@@ -143,6 +148,19 @@ fn frames_arrive_whole_with_any_number_in_flight() {
         assert!(stream.frames.len() >= 9, "{} frames", stream.frames.len());
         assert!(stream.frames.iter().enumerate().all(|(i, f)| *f == (i as u64, true)));
         assert_eq!((stream.losses.len(), stream.restarts), (0, 0));
+    }
+}
+
+#[test]
+fn payloads_of_whole_short_packets_end_where_the_trailer_begins_on_a_slow_link() {
+    // 320 × 200 px are 125 packets of 512 bytes, and no whole number of 1024; 322 × 201 px are neither.
+    for size in [(320, 200), (322, 201), (1920, 1200)] {
+        let slow = CameraConfig { speed: LinkSpeed::High, ..CameraConfig::default() };
+        let mut stream = Stream::of(slow, 3, "", size);
+        stream.run(500);
+        assert!(stream.frames.len() >= 9, "{size:?}: {} frames", stream.frames.len());
+        assert!(stream.frames.iter().all(|f| f.1));
+        assert_eq!((stream.losses.len(), stream.restarts), (0, 0), "{size:?}");
     }
 }
 
