@@ -7,6 +7,7 @@
 #   ROWS=REGEX    only the sections of tests/usb-guest/rows.sh whose names match
 #   ONLY=REGEX    of those, only the rows whose titles match
 #   ICOUNT=off    run the guest on the host's clock instead of virtual time, to let races happen
+#   LIMIT=SECONDS at most so long for the guest (900): it takes 3 to 5 minutes where nothing else runs
 #   KEEP=FOLDER   leave the guest's console and report there
 #
 # Ends with 0 only when every row of the guest's report says `ok`.
@@ -114,7 +115,7 @@ time_flags=(-icount shift=1,sleep=off)
 [ "$icount" = on ] || time_flags=()
 : > "$work/report"
 code=0
-LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout ${LIMIT:-330} \
+LD_LIBRARY_PATH=$search QEMU_MODULE_DIR=$tree/usr/lib/x86_64-linux-gnu/qemu timeout "${LIMIT:-900}" \
     "$qemu" -L "$tree/usr/share/qemu" -L "$tree/usr/share/seabios" -M q35 -accel tcg -cpu max,-erms,-fsrm -smp 1 -m 2048 \
     -kernel "$cache/vmlinux" -initrd "$work/initrd" \
     -append "console=ttyS0 panic=-1 quiet mitigations=off" \

@@ -16,11 +16,17 @@ section_aravis() {
     unplug
 }
 
-# 100 frames and more of 320 × 240 px at 25 Hz.
+# 100 frames and more of 320 × 240 px at 50 Hz. Underruns count as failures of the synchronous stream only: the
+# asynchronous one of aravis 0.8 hands all its buffers to the kernel, asks for more without a pause, and counts
+# every time that it gets none (millions). A frame that it lost would show as failed, aborted or ignored.
 aravis_streams() {
-    timeout 60 arv-camera-test-0.8 -n "$name" -s "$1" -w 320 -h 240 -f 25 --duration 5 > /tmp/aravis 2>&1
+    timeout 60 arv-camera-test-0.8 -n "$name" -s "$1" -w 320 -h 240 -f 50 --duration 3 > /tmp/aravis 2>&1
     cat /tmp/aravis
-    awk -F'[=:]' '/completed.buffers/ {frames = $2 + 0} /ailures/ {failures = $2 + 0; seen = 1} /nderruns/ {failures += $2}
+    awk -F'[=:]' -v mode="$1" '
+        /completed.buffers/ {frames = $2 + 0}
+        /ailures/ {failures += $2; seen = 1}
+        /aborted|ignored.bytes/ {failures += $2}
+        /nderruns/ && mode == "sync" {failures += $2}
         END { if (seen) printf "ok %d frames, %d failures\n", frames, failures }' /tmp/aravis
 }
 
@@ -88,7 +94,7 @@ section_commands() {
     row "cameras features" "ExposureTime +float +RW +2000 us" netcord cameras features exposure
     row "cameras save" "features saved" netcord cameras save /tmp/features
     row "cameras load" " 0 refused" netcord cameras load /tmp/features
-    row "cameras preview" "160 . 100 px written" netcord cameras preview --rig /etc/one.toml --camera left -o /tmp/p.png
+    row "cameras preview" "160 .+ 100 px written" netcord cameras preview --rig /etc/one.toml --camera left -o /tmp/p.png
     row "cameras udev" "70-netcord-usb3vision.rules" netcord cameras udev
     row "an unknown feature" "no feature .*ExposureTim" fails netcord cameras get ExposureTim
     row "a value out of range" "out of range for Gain" fails netcord cameras set Gain=99

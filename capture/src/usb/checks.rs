@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use super::discovery::{FoundCamera, discover, usb_context};
+use super::discovery::{FoundCamera, NotVision, discover, usb_context};
 
 /// Where the rule belongs.
 pub const UDEV_RULE_PATH: &str = "/etc/udev/rules.d/70-netcord-usb3vision.rules";
@@ -52,15 +52,7 @@ pub fn check_all(sys: &Path, frame_bytes: &[usize], depth: usize) -> Vec<Check> 
             checks.push(permissions(&found.cameras));
             checks.push(speeds(&found.cameras));
             checks.push(sharing(&found.cameras, sys));
-            checks.extend(found.others.iter().map(|other| Check {
-                what: "USB camera",
-                result: CheckResult::Warning,
-                found: format!(
-                    "{} ({:04x}:{:04x}): {}",
-                    other.vendor, other.usb_id.0, other.usb_id.1, other.reason
-                ),
-                cure: Some("give it firmware that speaks USB3 Vision, or use a camera that does".to_owned()),
-            }));
+            checks.extend(found.others.iter().map(other_protocol));
         }
         Err(e) => checks.push(Check {
             what: "USB",
@@ -70,6 +62,18 @@ pub fn check_all(sys: &Path, frame_bytes: &[usize], depth: usize) -> Vec<Check> 
         }),
     }
     checks
+}
+
+fn other_protocol(device: &NotVision) -> Check {
+    Check {
+        what: "USB camera",
+        result: CheckResult::Warning,
+        found: format!(
+            "{} ({:04x}:{:04x}): {}",
+            device.vendor, device.usb_id.0, device.usb_id.1, device.reason
+        ),
+        cure: Some("give it firmware that speaks USB3 Vision, or use a camera that does".to_owned()),
+    }
 }
 
 fn usbfs_memory(frame_bytes: &[usize], depth: usize, sys: &Path) -> Check {
@@ -157,6 +161,7 @@ fn sharing(cameras: &[FoundCamera], sys: &Path) -> Check {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::usb::discovery::Endpoints;
 
     #[test]
     fn the_limit_on_usb_memory_is_compared_with_what_the_rig_needs() {
@@ -172,5 +177,84 @@ mod tests {
         assert_eq!(check("256\n").result, CheckResult::Good);
         assert_eq!(check("0\n").result, CheckResult::Good);
         assert_eq!(usbfs_memory(&[1], 1, Path::new("/nonexistent")).result, CheckResult::Warning);
+    }
+
+    fn camera(serial: &str, bus: u8) -> FoundCamera {
+        FoundCamera {
+            vendor: "netcord".into(),
+            model: "EmulatedU3V".into(),
+            serial: serial.into(),
+            version: "1.0".into(),
+            guid: format!("1209{serial}"),
+            usb_id: (0x1209, 0xE301),
+            place: (bus, 2),
+            speed_mbps: 5000,
+            access: Ok(()),
+            endpoints: Endpoints {
+                control_interface: 0,
+                stream_interface: 1,
+                control_out: 0x01,
+                control_in: 0x81,
+                stream: 0x82,
+                stream_packet: 1024,
+            },
+        }
+    }
+
+    #[test]
+    fn cameras_that_cannot_be_opened_are_named_with_the_command_that_opens_them() {
+        let shut =
+            FoundCamera { access: Err("no permission on /dev/bus/usb/002/002".into()), ..camera("7", 2) };
+        let check = permissions(&[camera("6", 2), shut]);
+        assert_eq!(check.result, CheckResult::Bad);
+        assert!(check.found.contains("serial 7") && check.found.contains("no permission"), "{}", check.found);
+        assert_eq!(check.cure.as_deref(), Some("netcord cameras udev | sudo sh"));
+        assert_eq!(permissions(&[camera("6", 2)]).result, CheckResult::Good);
+    }
+
+    #[test]
+    fn a_slow_link_is_named_with_its_speed() {
+        let check = speeds(&[camera("6", 2), FoundCamera { speed_mbps: 480, ..camera("7", 1) }]);
+        assert_eq!(check.result, CheckResult::Bad);
+        assert!(check.found.contains("serial 7") && check.found.contains("480 Mb/s"), "{}", check.found);
+        assert!(check.cure.is_some());
+        let fast = FoundCamera { speed_mbps: 10_000, ..camera("7", 1) };
+        assert_eq!(speeds(&[camera("6", 2), fast]).result, CheckResult::Good);
+    }
+
+    #[test]
+    fn cameras_of_one_controller_are_named_also_on_its_two_root_hubs() {
+        let sys = tempfile::tempdir().expect("a folder");
+        let devices = sys.path().join("bus/usb/devices");
+        fs::create_dir_all(&devices).expect("made");
+        // Buses 1 and 2 are the root hubs of one controller, bus 3 is another's.
+        for (bus, controller) in [(1, "0000:00:14.0"), (2, "0000:00:14.0"), (3, "0000:03:00.0")] {
+            let hub = sys.path().join(format!("devices/pci0000:00/{controller}/usb{bus}"));
+            fs::create_dir_all(&hub).expect("made");
+            std::os::unix::fs::symlink(&hub, devices.join(format!("usb{bus}"))).expect("linked");
+        }
+        let check = sharing(&[camera("6", 1), camera("7", 2), camera("8", 3)], sys.path());
+        assert_eq!(check.result, CheckResult::Warning);
+        assert!(
+            check.found.contains("6, 7 share") && check.found.contains("0000:00:14.0"),
+            "{}",
+            check.found
+        );
+        assert!(check.cure.is_some());
+        assert_eq!(sharing(&[camera("6", 1), camera("8", 3)], sys.path()).result, CheckResult::Good);
+    }
+
+    #[test]
+    fn a_device_of_its_makers_own_protocol_is_a_warning_with_a_cure() {
+        let device = NotVision {
+            vendor: "MindVision / Huateng",
+            usb_id: (0xF622, 1),
+            place: (1, 3),
+            reason: "it has no USB3 Vision interfaces".into(),
+        };
+        let check = other_protocol(&device);
+        assert_eq!(check.result, CheckResult::Warning);
+        assert!(check.found.contains("MindVision") && check.found.contains("f622:0001"), "{}", check.found);
+        assert!(check.cure.is_some());
     }
 }

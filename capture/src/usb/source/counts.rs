@@ -15,6 +15,8 @@ pub(super) struct CameraCounts {
     pub(super) slips: Count,
     /// Frames that no trigger precedes.
     pub(super) unmatched: Count,
+    /// Frames whose instant is less certain than the rig's tolerance: they may be matched wrongly.
+    pub(super) uncertain: Count,
 }
 
 /// For the same reason the losses of the stream are counted in groups.
@@ -44,6 +46,7 @@ impl CameraCounts {
             opened: count("opened"),
             slips: count("slips"),
             unmatched: count("unmatched"),
+            uncertain: count("uncertain"),
         }
     }
 

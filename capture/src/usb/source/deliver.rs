@@ -111,6 +111,9 @@ impl StreamHandler for Deliver<'_> {
             counts.unmatched.up();
             return;
         };
+        if mid.sigma_ns > self.shared.tolerance_ns as f64 {
+            counts.uncertain.up();
+        }
         if matched.slipped {
             counts.slips.up();
         }

@@ -301,7 +301,14 @@ impl<'a> Keeper<'a> {
             }
             if now >= clock_due && !(triggers && at > now && at - now < interval / 4) {
                 match self.with_camera(|camera| Ok(camera.read_clock()?)) {
-                    Ok(reading) => lock(clock).add(reading),
+                    Ok(reading) => {
+                        let mut clock = lock(clock);
+                        clock.add(reading);
+                        tracing::debug!(
+                            camera = %count_name, drift_ppm = clock.drift().map(|d| d * 1e6),
+                            sigma_us = clock.host(reading.device_ns).map(|at| at.sigma_ns / 1e3), "device clock"
+                        );
+                    }
                     Err(e) if e.is_gone() => return Ok(Ended::Gone),
                     Err(e) => tracing::warn!(camera = %count_name, "its clock cannot be read: {e}"),
                 }

@@ -66,6 +66,8 @@ pub(super) struct Shared {
     /// One for each camera, in the rig's order.
     cameras: Vec<CameraState>,
     matcher: Mutex<TriggerMatcher>,
+    /// How far apart exposures of one trigger may lie, ns: instants must be better known than that.
+    tolerance_ns: u64,
     /// Whether frames are wanted.
     running: AtomicBool,
 }
@@ -107,7 +109,12 @@ impl UsbSource {
             })
             .collect();
         let matcher = Mutex::new(TriggerMatcher::new(grid, rig.cameras.len()));
-        let shared = Arc::new(Shared { cameras, matcher, running: AtomicBool::new(true) });
+        let shared = Arc::new(Shared {
+            cameras,
+            matcher,
+            tolerance_ns: rig.tolerance_ns,
+            running: AtomicBool::new(true),
+        });
         let options = UsbOptions { depth: options.depth.clamp(1, 7), ..options };
         Ok(Self { rig: rig.clone(), options, context, shared })
     }
