@@ -11,6 +11,8 @@ use netcord_common::rig::TriggerRole;
 #[derive(Debug)]
 pub struct TriggerMatcher {
     grid: Grid,
+    /// The grid before the last change of the rate: its last frames may still be under way.
+    previous: Option<Grid>,
     recent: VecDeque<(u64, u64)>,
     cameras: Vec<LastFrame>,
 }
@@ -61,7 +63,8 @@ pub struct Matched {
 impl TriggerMatcher {
     /// A matcher for `cameras` cameras.
     pub fn new(grid: Grid, cameras: usize) -> Self {
-        Self { grid, recent: VecDeque::with_capacity(RECENT), cameras: vec![LastFrame::default(); cameras] }
+        let recent = VecDeque::with_capacity(RECENT);
+        Self { grid, previous: None, recent, cameras: vec![LastFrame::default(); cameras] }
     }
 
     /// The grid.
@@ -72,6 +75,7 @@ impl TriggerMatcher {
     /// Changes the rate from the trigger after `now_ns` on.
     pub const fn set_interval(&mut self, now_ns: u64, interval_ns: u64) {
         let (next, _) = self.grid.next(now_ns);
+        self.previous = Some(self.grid);
         self.grid = self.grid.changed(next, interval_ns);
     }
 
@@ -98,8 +102,13 @@ impl TriggerMatcher {
     pub fn triggered(&mut self, camera: usize, impulse_ns: u64, block: u64) -> Option<Matched> {
         // The command takes its way: an impulse comes up to three quarters of an interval late, and
         // by the clocks' uncertainty up to a quarter early.
-        let since = (impulse_ns + self.grid.interval_ns / 4).checked_sub(self.grid.origin_ns)?;
-        Some(self.note(camera, self.grid.first + since / self.grid.interval_ns, block))
+        let before = |previous: &Grid| {
+            let early = previous.interval_ns.min(self.grid.interval_ns) / 4;
+            impulse_ns + early < self.grid.origin_ns
+        };
+        let grid = self.previous.filter(before).unwrap_or(self.grid);
+        let since = (impulse_ns + grid.interval_ns / 4).checked_sub(grid.origin_ns)?;
+        Some(self.note(camera, grid.first + since / grid.interval_ns, block))
     }
 
     /// The trigger of a free-running camera's frame exposed at `mid_ns`.
@@ -159,6 +168,25 @@ mod tests {
         assert_eq!(GRID.next(105 * MS), (5001, 110 * MS));
         let slower = GRID.changed(5001, 20 * MS);
         assert_eq!(slower.next(111 * MS), (5002, 130 * MS));
+    }
+
+    #[test]
+    fn frames_of_triggers_before_a_change_of_the_rate_keep_their_ids() {
+        for interval in [3 * MS, 40 * MS] {
+            let mut matcher = TriggerMatcher::new(GRID, 1);
+            let id = |matcher: &mut TriggerMatcher, at: u64, block| {
+                matcher.triggered(0, at, block).expect("after the origin")
+            };
+            assert_eq!(id(&mut matcher, 110 * MS + 200_000, 0).trigger_id, 5001);
+            // Triggered at 120 ms; its frame arrives after the change.
+            matcher.set_interval(121 * MS, interval);
+            let matched = id(&mut matcher, 120 * MS + 200_000, 1);
+            assert_eq!((matched.trigger_id, matched.slipped), (5002, false));
+            for n in 0..3 {
+                let matched = id(&mut matcher, 130 * MS + n * interval + 200_000, 2 + n);
+                assert_eq!((matched.trigger_id, matched.slipped), (5003 + n, false));
+            }
+        }
     }
 
     #[test]

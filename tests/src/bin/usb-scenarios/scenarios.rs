@@ -190,6 +190,9 @@ pub(crate) fn control(rig: &Rig, _: &Options) -> Outcome {
     let wanted = ["done", "done", "done", "invalid", "done", "done"];
     let got: Vec<&str> = run.answers.iter().map(|a| a.split(' ').next().unwrap_or("")).collect();
     ensure(got == wanted, || format!("answers {detail}"))?;
+    ensure(!run.counters.contains_key("lost_duplicate") || run.counters["lost_duplicate"] == 0, || {
+        format!("two frames had one trigger; {detail}")
+    })?;
     for seen in &run.cameras {
         let last = seen.headers.last().ok_or_else(|| format!("no frames; {detail}"))?;
         ensure((last.width, last.height) == (160, 96), || {
