@@ -25,16 +25,9 @@ impl LiveLines {
         if !self.terminal {
             return;
         }
-        let (columns, rows) = size();
-        let mut text = self.erase();
-        // The way back up ends at the terminal's first row, and a line that is wrapped has two.
-        let shown = &lines[..lines.len().min(rows.saturating_sub(1))];
-        for line in shown {
-            text.extend(line.chars().take(columns));
-            text.push('\n');
-        }
+        let shown = fitting(lines, size());
+        write_all(&format!("{}{}", self.erase(), shown.concat()));
         self.drawn = shown.len();
-        write_all(&text);
     }
 
     /// Says a line that stays, above the live ones (which are gone until they are next drawn).
@@ -50,6 +43,13 @@ impl LiveLines {
     }
 }
 
+/// What of `lines` fits a terminal of so many columns and rows: the way back up ends at its first row, and a line that
+/// is wrapped has two.
+fn fitting(lines: &[String], (columns, rows): (usize, usize)) -> Vec<String> {
+    let cut = |line: &String| line.chars().take(columns).chain(['\n']).collect();
+    lines.iter().take(rows.saturating_sub(1)).map(cut).collect()
+}
+
 /// Columns and rows of the terminal; where it does not tell, those of the oldest.
 fn size() -> (usize, usize) {
     let told = terminal_size::terminal_size_of(io::stderr());
@@ -59,4 +59,19 @@ fn size() -> (usize, usize) {
 fn write_all(text: &str) {
     // Nobody is left to tell when the terminal is gone.
     let _ = io::stderr().write_all(text.as_bytes());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_drawn_can_be_taken_back_on_a_small_terminal() {
+        let lines: Vec<String> = ["─│● wide", "b", "c", "d"].map(str::to_owned).into();
+        assert_eq!(fitting(&lines, (3, 4)), ["─│●\n", "b\n", "c\n"]);
+        assert_eq!(fitting(&lines, (80, 24)).concat(), "─│● wide\nb\nc\nd\n");
+        assert!(fitting(&lines, (80, 0)).is_empty());
+        let live = LiveLines { terminal: true, drawn: 3 };
+        assert_eq!(live.erase(), "\x1b[3A\x1b[J");
+    }
 }

@@ -1,7 +1,9 @@
 //! `netcord up`: order, state, and ends.
 
+use std::os::unix::net::UnixDatagram;
+
 use netcord_common::{Clock as _, MonotonicClock};
-use netcord_tests::{Lab, Watch, one_at_a_time, until};
+use netcord_tests::{Lab, Running, WATCHDOG, Watch, one_at_a_time, until};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
@@ -86,4 +88,29 @@ fn what_does_not_start_is_given_up_with_its_reason() {
         ended.err
     );
     assert_eq!(lab.shared_memory(), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn an_outside_supervisor_is_told_when_all_are_ready_and_when_they_stop() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]).display().to_string();
+    let address = lab.path("notify");
+    let socket = UnixDatagram::bind(&address).expect("a socket");
+    socket.set_read_timeout(Some(WATCHDOG)).expect("a bound");
+    let heard = || {
+        let mut buffer = [0; 256];
+        let length = socket.recv(&mut buffer).expect("a message");
+        String::from_utf8_lossy(&buffer[..length]).into_owned()
+    };
+    let mut command = lab.command(&["up", &rig, "--quiet"]);
+    command.env("NOTIFY_SOCKET", &address);
+    let up = Running::start(command);
+    let ready = heard();
+    assert!(ready.lines().any(|line| line == "READY=1"), "{ready}");
+    // All are, not only the first.
+    assert_eq!(Watch::attach(&lab.bus()).stages().len(), 4);
+    assert_eq!(up.stop().code, Some(0));
+    let stopping = heard();
+    assert!(stopping.lines().any(|line| line == "STOPPING=1"), "{stopping}");
 }

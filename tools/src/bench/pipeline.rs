@@ -77,12 +77,16 @@ pub fn measure_ladder(stop: &Shutdown, say: &mut dyn FnMut(String)) -> Result<La
 /// What recording does to the pipeline.
 #[derive(Debug, Clone, Serialize)]
 pub struct RecordEffect {
-    /// Median over the pairs of the growth of the p50 of frame → position, as a fraction.
+    /// By how much recording raises the median over the runs of the p50 of frame → position, as a fraction.
     pub p50_growth: Option<f64>,
     /// The same of the p99.
     pub p99_growth: Option<f64>,
-    /// Frames that the pipeline lost while it was recorded.
+    /// Frames that the pipeline lost in the runs with recording.
     pub lost: u64,
+    /// The same in those without.
+    pub lost_without: u64,
+    /// Frames and messages that are missing in the recordings.
+    pub not_recorded: u64,
     /// The pairs, in the order in which they ran.
     pub pairs: Vec<RecordPair>,
 }
@@ -99,10 +103,34 @@ pub struct RecordPair {
 /// One run.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct RunTimes {
+    /// Frames that the pipeline lost.
+    pub lost: u64,
+    /// Frames and messages that the recorder lost.
+    pub not_recorded: u64,
     /// Median.
     pub p50: f64,
     /// 99 %.
     pub p99: f64,
+}
+
+impl RecordEffect {
+    fn of(pairs: Vec<RecordPair>) -> Self {
+        let growth = |of: fn(&RunTimes) -> f64| {
+            let over = |run: fn(&RecordPair) -> &RunTimes| {
+                median(&pairs.iter().map(|pair| of(run(pair))).collect::<Vec<_>>())
+            };
+            Some(over(|pair| &pair.with)? / over(|pair| &pair.without)? - 1.0)
+        };
+        let sum = |of: fn(&RecordPair) -> u64| pairs.iter().map(of).sum();
+        Self {
+            p50_growth: growth(|run| run.p50),
+            p99_growth: growth(|run| run.p99),
+            lost: sum(|pair| pair.with.lost),
+            lost_without: sum(|pair| pair.without.lost),
+            not_recorded: sum(|pair| pair.with.not_recorded),
+            pairs,
+        }
+    }
 }
 
 /// Runs interleaved pairs of 10 s at 100 Hz without and with `netcord record` into `folder`, which should lie on
@@ -115,8 +143,7 @@ pub fn measure_record_effect(
     stop: &Shutdown,
     say: &mut dyn FnMut(String),
 ) -> Result<RecordEffect, Box<dyn Error>> {
-    let mut lost = 0;
-    let mut run = |record: bool| -> Result<RunTimes, Box<dyn Error>> {
+    let run = |record: bool| -> Result<RunTimes, Box<dyn Error>> {
         let file = folder.join(format!("netcord-bench-{}.mcap", std::process::id()));
         let setup = Setup { seconds: 10.0, record: record.then(|| file.clone()), ..Setup::default() };
         let trial = trial::run(&setup, stop, &mut LiveLines::new(true));
@@ -125,11 +152,10 @@ pub fn measure_record_effect(
             let _ = std::fs::remove_file(&file);
         }
         let report = trial?.report;
-        if record {
-            lost += report.frames.lost;
-        }
+        let by_recorder = report.frames.lost_by_reason.iter().filter(|(name, _)| name.starts_with("record/"));
+        let not_recorded = by_recorder.map(|(_, count)| count).sum();
         let q = report.latency_ms.frame_to_position.ok_or("a run without a position")?;
-        Ok(RunTimes { p50: q.p50, p99: q.p99 })
+        Ok(RunTimes { lost: report.frames.lost, not_recorded, p50: q.p50, p99: q.p99 })
     };
     let mut pairs = Vec::new();
     for n in 1..=PAIRS {
@@ -144,10 +170,7 @@ pub fn measure_record_effect(
         };
         pairs.push(RecordPair { without, with });
     }
-    let growth = |of: fn(&RunTimes) -> f64| {
-        median(&pairs.iter().map(|p| of(&p.with) / of(&p.without) - 1.0).collect::<Vec<_>>())
-    };
-    Ok(RecordEffect { p50_growth: growth(|r| r.p50), p99_growth: growth(|r| r.p99), lost, pairs })
+    Ok(RecordEffect::of(pairs))
 }
 
 /// How long the rig was without results after each process was killed.
@@ -217,4 +240,24 @@ fn kill_each(
     let kill_to_position_ms = ["capture", "segment", "triangulate", "predict"]
         .map(|stage| (stage, times.get(stage).and_then(|t| median(t))));
     Ok(Recovery { kill_to_position_ms: kill_to_position_ms.into(), others_restarted })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_effect_of_recording_is_that_on_the_medians_whatever_one_bad_run_says() {
+        let run = |p50: f64, p99: f64, lost: u64| RunTimes { lost, not_recorded: lost * 2, p50, p99 };
+        let pair = |without: f64, with: f64| RecordPair {
+            without: run(without, 2.0 * without, 0),
+            with: run(with, 4.0 * without, 1),
+        };
+        let pairs = vec![pair(1.0, 1.1), pair(1.0, 1.1), pair(50.0, 1.2), pair(1.0, 1.1), pair(0.9, 40.0)];
+        let effect = RecordEffect::of(pairs);
+        assert!((effect.p50_growth.expect("pairs") - 0.1).abs() < 1e-12);
+        assert!((effect.p99_growth.expect("pairs") - 1.0).abs() < 1e-12);
+        assert_eq!((effect.lost, effect.lost_without, effect.not_recorded), (5, 0, 10));
+        assert_eq!(RecordEffect::of(Vec::new()).p50_growth, None);
+    }
 }

@@ -28,6 +28,13 @@ impl Capture {
             .stderr(Stdio::null())
             .spawn()
             .expect("capture starts");
+        // A recorder looks once for the truth's domain.
+        let truth = DomainName::new(format!("{domain}-truth")).expect("valid");
+        let began = Instant::now();
+        while DomainRemains::of(&truth).inhabitants().map_or(true, |processes| processes.is_empty()) {
+            assert!(began.elapsed() < WATCHDOG, "capture tells no truth");
+            std::thread::sleep(Duration::from_millis(50));
+        }
         Self { process, domain, rig }
     }
 
@@ -57,9 +64,12 @@ impl Drop for Capture {
     }
 }
 
+/// The machine may be busy.
+const WATCHDOG: Duration = Duration::from_secs(120);
+
 /// Waits until the file has so many bytes; the watchdog is generous, since the machine may be busy.
 fn wait_for_bytes(file: &Path, bytes: u64) {
-    let until = Instant::now() + Duration::from_secs(120);
+    let until = Instant::now() + WATCHDOG;
     while std::fs::metadata(file).map_or(0, |m| m.len()) < bytes {
         assert!(Instant::now() < until, "nothing is recorded");
         std::thread::sleep(Duration::from_millis(50));
