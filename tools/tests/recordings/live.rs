@@ -28,14 +28,15 @@ impl Capture {
             .stderr(Stdio::null())
             .spawn()
             .expect("capture starts");
+        let capture = Self { process, domain, rig };
         // A recorder looks once for the truth's domain.
-        let truth = DomainName::new(format!("{domain}-truth")).expect("valid");
+        let truth = DomainName::new(format!("{}-truth", capture.domain)).expect("valid");
         let began = Instant::now();
         while DomainRemains::of(&truth).inhabitants().map_or(true, |processes| processes.is_empty()) {
             assert!(began.elapsed() < WATCHDOG, "capture tells no truth");
             std::thread::sleep(Duration::from_millis(50));
         }
-        Self { process, domain, rig }
+        capture
     }
 
     fn record(&self, folder: &Path, shell: &str) -> Command {
