@@ -1,18 +1,18 @@
 //! How long detection and calibration take: minima and medians of repeated runs, as lines of text.
 //!
-//! `cargo bench -p netcord-calib`
+//! `cargo bench -p netcord-calib`; with `NETCORD_PYTHON` naming a Python that has OpenCV, that is timed on the same
+//! corners in the same run.
 
 #[path = "../tests/support/render.rs"]
-#[allow(dead_code, reason = "only clean pictures are timed")]
 mod render;
 
-use std::time::Instant;
+use std::{process::Command, time::Instant};
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use netcord_calib::{
     board::CalibrationBoard,
     detect::{Depth, Detector},
-    solve::{CameraViews, MonoOptions, RigOptions, View, calibrate_mono, calibrate_rig},
+    solve::{CameraViews, MonoOptions, RigOptions, View, calibrate_mono, calibrate_rig, write_corners},
 };
 use netcord_common::geometry::{Board, Camera, Point, Transform};
 use rand::{RngExt as _, SeedableRng as _};
@@ -62,17 +62,43 @@ fn views(count: usize, seed: u64) -> (CameraViews, Vec<Transform<Camera, Board>>
     (found, poses)
 }
 
+/// OpenCV's time for the same corners.
+fn time_opencv(views: &CameraViews) {
+    let Some(python) = std::env::var_os("NETCORD_PYTHON") else {
+        println!("OpenCV: not timed, NETCORD_PYTHON names no Python that has it");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let corners = folder.path().join("corners.json");
+    std::fs::write(&corners, write_corners(std::slice::from_ref(views))).expect("written");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/opencv.py");
+    let run = Command::new(python).arg(script).arg(&corners).arg("15").output().expect("starts");
+    let text = String::from_utf8_lossy(&run.stdout);
+    let fields: Vec<&str> = text.split_whitespace().collect();
+    let [least, median, rms, version] = fields[..] else {
+        println!("OpenCV: not timed: {}", String::from_utf8_lossy(&run.stderr));
+        return;
+    };
+    let what = format!("the same 40 views by OpenCV {version} ({rms:.8} px RMS)");
+    println!("{what:<60} least {least:>8.5} ms, median {median:>8.5} ms");
+}
+
 fn main() {
     for spec in
         ["chessboard:10x7:40mm", "charuco:11x8:DICT_5X5_250:40mm:30mm", "aruco:8x5:DICT_5X5_250:45mm:12mm"]
     {
         let board = CalibrationBoard::parse(spec, |_| Err("no files".to_owned())).expect(spec);
-        let picture = render::render(&board, &render::lens(), &render::pose(&board, 1, 4), &render::CLEAN, 1);
+        let pose = render::pose(&board, 1, 4);
+        let looks = [("clean", &render::CLEAN), ("hard", &render::HARD)];
+        let pictures =
+            looks.map(|(name, look)| (name, render::render(&board, &render::lens(), &pose, look, 1)));
         let detector = Detector::new(board);
-        for depth in [Depth::Guiding, Depth::Final] {
-            time(&format!("{spec}, {depth:?}, 1920 × 1200"), 15, || {
-                assert!(detector.find(&picture, depth).is_some());
-            });
+        for (name, picture) in &pictures {
+            for depth in [Depth::Guiding, Depth::Final] {
+                time(&format!("{spec}, {name}, {depth:?}"), 15, || {
+                    assert!(detector.find(picture, depth).is_some());
+                });
+            }
         }
     }
     for count in [5, 10, 20, 40, 80] {
@@ -80,6 +106,9 @@ fn main() {
         time(&format!("mono, {count} views of 54 corners"), 15, || {
             calibrate_mono(&views, &MonoOptions::default()).expect("calibrates");
         });
+        if count == 40 {
+            time_opencv(&views);
+        }
     }
     let (first, _) = views(30, 2);
     let second = CameraViews { name: "second".to_owned(), ..first.clone() };

@@ -1,12 +1,14 @@
 //! Boards with markers: which markers belong to the board, and its corners.
 
 use nalgebra::{Matrix3, Vector2};
+use rayon::prelude::*;
 
 use super::{
     Corner, Depth,
     luma::Luma,
     markers::{Marker, decode, refine_corners},
     neighbours::drop_misfits,
+    pattern_fit::fit_pattern,
     quads::{Quad, find_quads},
     saddle::SaddleFit,
 };
@@ -164,17 +166,16 @@ pub(super) fn grid_corners(
     };
     let cells = dictionary.size() + 2;
     let gap_cells = gap_m / (marker_m / cells as f64);
-    let mut corners = Vec::new();
-    for m in markers {
-        let refined = match depth {
-            Depth::Guiding => Some(*m),
-            Depth::Final => refine_corners(image, m, cells, gap_cells),
-        };
-        let Some(refined) = refined else { continue };
-        for (k, at) in refined.corners.into_iter().enumerate() {
-            corners.push(Corner { id: (m.id - first_id) * 4 + k, at });
-        }
-    }
+    let refine = |m: &Marker| match depth {
+        Depth::Guiding => Some(*m),
+        Depth::Final => refine_corners(image, m, cells, gap_cells)
+            .map(|edges| fit_pattern(image, &edges, dictionary, gap_cells).unwrap_or(edges)),
+    };
+    let refined: Vec<Marker> = markers.par_iter().filter_map(refine).collect();
+    let mut corners: Vec<Corner> = refined
+        .iter()
+        .flat_map(|m| (0..4).map(move |k| Corner { id: (m.id - first_id) * 4 + k, at: m.corners[k] }))
+        .collect();
     let points = board.corners();
     drop_misfits(&mut corners, &points, marker_m + gap_m);
     corners

@@ -1,7 +1,10 @@
 //! Chessboards without markers: candidates are linked along their edges into a lattice, which is then
 //! completed, cut to the board's size and turned as the board's colours demand.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::{
+    cell::OnceCell,
+    collections::{BTreeMap, VecDeque},
+};
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -13,6 +16,23 @@ use super::{
     neighbours::drop_misfits,
     saddle::{Saddle, SaddleFit},
 };
+
+/// A picture, and what its completion takes, computed when it is first asked for.
+struct Searched<'a> {
+    image: &'a Luma,
+    smooth: OnceCell<(Luma, f64)>,
+}
+
+impl<'a> Searched<'a> {
+    const fn new(image: &'a Luma) -> Self {
+        Self { image, smooth: OnceCell::new() }
+    }
+
+    /// The picture smoothed twice, and the noise that is left in it.
+    fn smooth(&self) -> &(Luma, f64) {
+        self.smooth.get_or_init(|| (self.image.binomial().binomial(), 0.27 * self.image.noise()))
+    }
+}
 
 type Cell = (i32, i32);
 type Lattice = BTreeMap<Cell, Saddle>;
@@ -38,9 +58,10 @@ const MOST_LATTICES: usize = 3;
 /// and of those alike the largest in the picture (not the board's image on a screen behind it).
 pub(super) fn find(image: &Luma, columns: usize, rows: usize, depth: Depth) -> Option<Chessboard> {
     let weight = |b: &Chessboard| weight(b.corners.iter().map(|c| c.at));
-    let placed: Vec<Placed> = lattices(image, depth, columns.max(rows))
+    let searched = Searched::new(image);
+    let placed: Vec<Placed> = lattices(&searched, depth, columns.max(rows))
         .into_iter()
-        .filter_map(|l| place(image, l, columns, rows))
+        .filter_map(|l| place(&searched, l, columns, rows))
         .collect();
     // A part of a larger board may pass for this one when the larger one was not found whole.
     let larger = placed.iter().map(|p| if let Placed::Larger(n) = p { *n } else { 0 }).max().unwrap_or(0);
@@ -58,7 +79,8 @@ enum Placed {
 
 /// Columns and rows of the largest lattice of corners in the picture, the longer side first.
 pub(super) fn seen(image: &Luma) -> Option<(usize, usize)> {
-    let lattice = lattices(image, Depth::Final, usize::MAX).into_iter().max_by_key(Lattice::len)?;
+    let lattice =
+        lattices(&Searched::new(image), Depth::Final, usize::MAX).into_iter().max_by_key(Lattice::len)?;
     let extent = |axis: fn(&Cell) -> i32| -> Option<usize> {
         Some((lattice.keys().map(axis).max()? - lattice.keys().map(axis).min()? + 1) as usize)
     };
@@ -82,7 +104,8 @@ fn heaviest(mut lattices: Vec<Lattice>) -> Vec<Lattice> {
 }
 
 /// The lattices in the picture; completed to no more than `longest` corners along one side.
-fn lattices(image: &Luma, depth: Depth, longest: usize) -> Vec<Lattice> {
+fn lattices(searched: &Searched<'_>, depth: Depth, longest: usize) -> Vec<Lattice> {
+    let image = searched.image;
     let half = (image.width() > 1000).then(|| image.halved()).flatten();
     let mut found = Vec::new();
     if let Some(half) = &half {
@@ -94,13 +117,14 @@ fn lattices(image: &Luma, depth: Depth, longest: usize) -> Vec<Lattice> {
         };
         let most = if depth == Depth::Guiding { 900 } else { MOST };
         let grown = grow(half, &candidates(half, most));
-        let fine = grown.into_iter().map(|l| refined(image, up(complete(half, l, longest))));
-        found.extend(fine.map(|l| if depth == Depth::Final { complete(image, l, longest) } else { l }));
+        let half = Searched::new(half);
+        let fine = grown.into_iter().map(|l| refined(image, up(complete(&half, l, longest))));
+        found.extend(fine.map(|l| if depth == Depth::Final { complete(searched, l, longest) } else { l }));
     }
     if half.is_none() || depth == Depth::Final {
         let most = if depth == Depth::Guiding { 1200 } else { MOST };
         let grown = grow(image, &candidates(image, most));
-        found.extend(grown.into_iter().map(|l| complete(image, refined(image, l), longest)));
+        found.extend(grown.into_iter().map(|l| complete(searched, refined(image, l), longest)));
     }
     found.retain(|l| l.len() >= LEAST);
     found
@@ -342,10 +366,8 @@ fn same_axis(a: f64, b: f64) -> bool {
 
 /// Adds corners beside those found, foretold from them, as long as there are saddles of about the same
 /// strength and of the right colours, and each side is no longer than `longest`.
-fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
+fn complete(searched: &Searched<'_>, mut lattice: Lattice, longest: usize) -> Lattice {
     lattice = without_misfits(lattice);
-    let smooth = image.binomial().binomial();
-    let noise = 0.27 * image.noise();
     loop {
         let mut added = Vec::new();
         let mut open: Vec<Cell> = lattice
@@ -366,7 +388,8 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
         for cell in open {
             let Some((at, spacing)) = forecast(&lattice, cell) else { continue };
             let near = around(&lattice, cell);
-            let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(image, at, 0.3 * spacing) else {
+            let Some(saddle) = SaddleFit::new(fit_radius(spacing)).refine(searched.image, at, 0.3 * spacing)
+            else {
                 continue;
             };
             let strength =
@@ -375,7 +398,10 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
             let (beside, reference) = near[0];
             let odd = (beside.0 - cell.0 + beside.1 - cell.1).rem_euclid(2) == 1;
             let expected = reference.bright + if odd { std::f64::consts::FRAC_PI_2 } else { 0.0 };
-            let four_sectors = || is_corner(&smooth, saddle.at, (0.3 * spacing).clamp(2.8, 7.0), noise);
+            let four_sectors = || {
+                let (smooth, noise) = searched.smooth();
+                is_corner(smooth, saddle.at, (0.3 * spacing).clamp(2.8, 7.0), *noise)
+            };
             if saddle.strength > 0.4 * strength && same_axis(saddle.bright, expected) && four_sectors() {
                 added.push((cell, saddle));
             }
@@ -388,7 +414,8 @@ fn complete(image: &Luma, mut lattice: Lattice, longest: usize) -> Lattice {
 }
 
 /// Cuts the lattice to the board and numbers its corners.
-fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<Placed> {
+fn place(searched: &Searched<'_>, lattice: Lattice, columns: usize, rows: usize) -> Option<Placed> {
+    let image = searched.image;
     let (x0, x1) = (lattice.keys().map(|c| c.0).min()?, lattice.keys().map(|c| c.0).max()?);
     let (y0, y1) = (lattice.keys().map(|c| c.1).min()?, lattice.keys().map(|c| c.1).max()?);
     let mut strengths: Vec<f64> = lattice.values().map(|s| s.strength).collect();
@@ -446,7 +473,7 @@ fn place(image: &Luma, lattice: Lattice, columns: usize, rows: usize) -> Option<
         drop_misfits(&mut corners, &points, 1.0);
         let before = corners.len();
         board = corners.iter().map(|c| (cells[&c.id], board[&cells[&c.id]])).collect();
-        board = complete(image, board, columns.max(rows))
+        board = complete(searched, board, columns.max(rows))
             .into_iter()
             .filter(|(c, _)| id_of(c).is_some())
             .collect();

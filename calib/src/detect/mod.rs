@@ -8,6 +8,7 @@ mod lattice;
 mod luma;
 mod markers;
 mod neighbours;
+mod pattern_fit;
 mod quads;
 mod saddle;
 
@@ -34,6 +35,7 @@ pub enum Depth {
     /// Live guidance: large pictures are searched at half size, and an ArUco grid's corners are not
     /// refined.
     Guiding,
-    /// The corners that calibration uses.
+    /// The corners that calibration uses. A picture of 1920 × 1200 takes some 50 ms; an ArUco grid, of which each
+    /// marker is fitted as a whole, up to half a second on one core.
     Final,
 }
