@@ -114,7 +114,12 @@ fn a_board_or_a_rod_of_another_size_shows_in_the_scale() {
     let noise = Normal::new(0.0, 0.1).expect("positive");
     let mut points: Vec<MovingPoints> = cameras
         .iter()
-        .map(|c| MovingPoints { name: c.name.clone(), model: c.model, pixels: Vec::new() })
+        .map(|c| MovingPoints {
+            name: c.name.clone(),
+            model: c.model,
+            pixels: Vec::new(),
+            velocities: Vec::new(),
+        })
         .collect();
     for _ in 0..60 {
         let middle = Vector3::new(

@@ -2,6 +2,8 @@
 
 mod block;
 mod bundle;
+mod delay;
+mod epipolar;
 mod error;
 mod gravity;
 mod homography;
@@ -10,6 +12,7 @@ mod mono;
 mod motion;
 mod pose;
 mod report;
+mod resection;
 mod rig;
 mod uncertainty;
 mod validate;
@@ -18,12 +21,15 @@ mod zhang;
 
 pub use block::Block;
 pub use bundle::{Bundle, BundleCamera, Freedom, Sighting, Solution, SolveOptions};
+pub use delay::Delay;
 pub use error::CalibrationError;
 pub use gravity::{STANDARD_GRAVITY, scale_by_gravity};
 pub use homography::{apply as apply_homography, homography};
 pub use loss::Loss;
 pub use mono::{INTRINSIC_NAMES, MonoCalibration, MonoOptions, Outlier, ViewFit, calibrate_mono};
-pub use motion::{MotionCalibration, MotionMember, MovingPoints, calibrate_motion};
+pub use motion::{
+    Inconsistent, MotionCalibration, MotionMember, MotionOptions, MovingPoints, calibrate_motion,
+};
 pub use pose::{FittedPose, board_pose};
 pub use report::{CameraReport, OutlierReport, RejectedReport, Report, Uncertain, ViewReport, coverage};
 pub use rig::{RejectedView, RigCalibration, RigMember, RigOptions, RigViewFit, calibrate_rig};

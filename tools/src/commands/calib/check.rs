@@ -74,6 +74,7 @@ pub fn run(args: &Args) -> CommandResult {
                 name: c.name.clone(),
                 model: c.model,
                 pixels: vec![None; joined.instants * joined.markers],
+                velocities: Vec::new(),
             })
             .collect();
         for seen in joined.cameras {

@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, error::Error, fs, path::PathBuf};
 
 use nalgebra::{Vector2, Vector3};
 use netcord_calib::{
-    solve::{MotionCalibration, MovingPoints, calibrate_motion, scale_by_gravity},
+    solve::{
+        INTRINSIC_NAMES, Inconsistent, MotionCalibration, MotionMember, MotionOptions, MovingPoints,
+        calibrate_motion, scale_by_gravity,
+    },
     table::mark,
 };
 use netcord_common::{
@@ -16,6 +19,7 @@ use netcord_common::{
 use serde::Serialize;
 
 use super::{
+    options::Intrinsic,
     save,
     tracks::{Track, read_detections, read_track},
 };
@@ -79,6 +83,7 @@ impl PointsArgs {
                 times_ns.push(t);
             }
         }
+        let times_s: Vec<f64> = times_ns.iter().map(|t| (t - times_ns[0]) as f64 * 1e-9).collect();
         let cameras = tracks
             .into_iter()
             .map(|(name, track)| {
@@ -88,7 +93,8 @@ impl PointsArgs {
                     let instant = times_ns.partition_point(|x| *x <= t).saturating_sub(1);
                     pixels[instant * markers..(instant + 1) * markers].clone_from_slice(&points);
                 }
-                Ok(MovingPoints { name, model, pixels })
+                let points = MovingPoints { name, model, pixels, velocities: Vec::new() };
+                Ok(points.with_velocities(markers, &times_s))
             })
             .collect::<Result<_, String>>()?;
         Ok(Joined { cameras, markers, instants: times_ns.len(), times_ns })
@@ -145,6 +151,11 @@ pub struct Args {
     #[arg(long)]
     gravity: bool,
 
+    /// Intrinsics to refine with the poses: a comma-separated list of fx fy cx cy k1 k2 p1 p2 k3. The points must
+    /// then fill the pictures.
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    refine: Vec<Intrinsic>,
+
     /// Write the report here, as JSON.
     #[arg(long, value_name = "R.json")]
     report: Option<PathBuf>,
@@ -161,8 +172,17 @@ struct Report {
     /// Standard deviation of the scale as a share of it, where it is known.
     scale_sigma: Option<f64>,
     cameras: BTreeMap<String, CameraReport>,
-    inconsistent: BTreeMap<String, f64>,
+    inconsistent: BTreeMap<String, InconsistentReport>,
     points: usize,
+}
+
+#[derive(Serialize)]
+struct InconsistentReport {
+    median_px: f64,
+    /// How much later its frames were exposed than the others' of the same stamp, s, where that explains it; and the
+    /// median residual that is left then.
+    later_s: Option<f64>,
+    then_px: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -170,8 +190,13 @@ struct CameraReport {
     rotation: [[f64; 3]; 3],
     translation: [f64; 3],
     median_px: f64,
+    /// Without outliers, and with them.
     rms_px: f64,
+    rms_all_px: f64,
     outliers: f64,
+    /// fx fy cx cy k1 k2 p1 p2 k3, where some were refined.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    intrinsics: Option<BTreeMap<&'static str, f64>>,
 }
 
 /// Runs `netcord calib motion`.
@@ -190,26 +215,27 @@ pub fn run(args: &Args) -> CommandResult {
             )
         })
     })?;
-    let mut found = calibrate_motion(&joined.cameras)?;
+    let mut options = MotionOptions::default();
+    for Intrinsic(i) in &args.refine {
+        options.intrinsics[*i] = true;
+    }
+    let mut found = calibrate_motion(&joined.cameras, &options)?;
     let (scale, scale_sigma) = scale(args, &joined, &mut found)?;
     for c in &found.cameras {
         let t = c.camera_from_first.origin().coords;
         println!(
-            "{:<12} median {:.3} px, RMS {:.3} px, {:.1} % outliers, at ({:+.4}, {:+.4}, {:+.4})",
+            "{:<12} median {:.3} px, RMS {:.3} px ({:.3} px with the {:.1} % that are outliers), at ({:+.4}, {:+.4}, {:+.4})",
             c.name,
             c.median_px,
             c.rms_px,
+            c.rms_all_px,
             100.0 * c.outliers,
             t.x,
             t.y,
             t.z
         );
     }
-    for (name, off) in &found.inconsistent {
-        println!(
-            "{name} contradicts the others: {off:.2} px; its intrinsics, its clock or its markers are wrong"
-        );
-    }
+    found.inconsistent.iter().for_each(say_inconsistent);
     match (scale, scale_sigma) {
         ("none", _) => {
             println!("lengths are in units of the first baseline: give --length, --mark or --gravity")
@@ -218,14 +244,29 @@ pub fn run(args: &Args) -> CommandResult {
         (by, None) => println!("scale by {by}"),
     }
     if let Some(path) = &args.report {
-        let report = report(scale, scale_sigma, &found);
+        let report = report(scale, scale_sigma, &found, !args.refine.is_empty());
         fs::write(path, serde_json::to_string_pretty(&report)?)
             .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
     }
     if !args.dry_run && scale != "none" {
-        write(&mut edit, &args.rig, scale, &joined, &found)?;
+        write(&mut edit, args, scale, &joined, &found)?;
     }
     Ok(if found.inconsistent.is_empty() { Outcome::Good } else { Outcome::Missed })
+}
+
+fn say_inconsistent(Inconsistent { name, median_px, delay }: &Inconsistent) {
+    match delay {
+        Some(delay) => println!(
+            "{name} contradicts the others: {median_px:.2} px; its clock is wrong: its frames were exposed {:.2} ms {} \
+             than the others' of the same stamp ({:.2} px with that made good)",
+            1e3 * delay.later_s.abs(),
+            if delay.later_s > 0.0 { "later" } else { "earlier" },
+            delay.median_px,
+        ),
+        None => println!(
+            "{name} contradicts the others: {median_px:.2} px; its intrinsics or its markers are wrong (no clock's error explains it)"
+        ),
+    }
 }
 
 /// Makes lengths metres; says by what, and how sure.
@@ -241,7 +282,7 @@ fn scale(
         return Ok(("wand", None));
     }
     if !args.marks.is_empty() {
-        found.scale(scale_by_marks(&args.marks, joined, found)?);
+        found.scale(scale_by_marks(&args.marks, found)?);
         return Ok(("table", None));
     }
     if args.gravity {
@@ -259,11 +300,7 @@ fn scale(
 }
 
 /// The factor by which distances between marks of the table are too short.
-fn scale_by_marks(
-    marks: &[String],
-    joined: &Joined,
-    found: &MotionCalibration,
-) -> Result<f64, Box<dyn Error>> {
+fn scale_by_marks(marks: &[String], found: &MotionCalibration) -> Result<f64, Box<dyn Error>> {
     let mut seen: BTreeMap<String, Vec<(usize, Vector2<f64>)>> = BTreeMap::new();
     for text in marks {
         let wrong =
@@ -285,8 +322,7 @@ fn scale_by_marks(
     for (name, views) in &seen {
         let rays = views.iter().filter_map(|(place, pixel)| {
             let member = &found.cameras[*place];
-            let model = joined.cameras.iter().find(|c| c.name == member.name)?.model;
-            Some((&member.camera_from_first, model.ray(pixel)?))
+            Some((&member.camera_from_first, member.model.ray(pixel)?))
         });
         if let Some(at) = netcord_calib::check::nearest_point(rays) {
             places.push((mark(name)?, at));
@@ -304,19 +340,26 @@ fn scale_by_marks(
         .ok_or_else(|| "scale by the table needs two marks, each in two cameras".into())
 }
 
-fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibration) -> Report {
-    let camera = |c: &netcord_calib::solve::MotionMember| CameraReport {
+fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibration, refined: bool) -> Report {
+    let camera = |c: &MotionMember| CameraReport {
         rotation: c.camera_from_first.rotation.matrix().transpose().into(),
         translation: c.camera_from_first.translation.into(),
         median_px: c.median_px,
         rms_px: c.rms_px,
+        rms_all_px: c.rms_all_px,
         outliers: c.outliers,
+        intrinsics: refined.then(|| INTRINSIC_NAMES.into_iter().zip(c.model.parameters()).collect()),
+    };
+    let inconsistent = |i: &Inconsistent| InconsistentReport {
+        median_px: i.median_px,
+        later_s: i.delay.map(|d| d.later_s),
+        then_px: i.delay.map(|d| d.median_px),
     };
     Report {
         scale,
         scale_sigma,
         cameras: found.cameras.iter().map(|c| (c.name.clone(), camera(c))).collect(),
-        inconsistent: found.inconsistent.iter().cloned().collect(),
+        inconsistent: found.inconsistent.iter().map(|i| (i.name.clone(), inconsistent(i))).collect(),
         points: found.points.iter().flatten().count(),
     }
 }
@@ -324,7 +367,7 @@ fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibrati
 /// Poses into the rig file; those of cameras that contradict the others stay as they are.
 fn write(
     edit: &mut RigEdit,
-    path: &std::path::Path,
+    args: &Args,
     scale: &str,
     joined: &Joined,
     found: &MotionCalibration,
@@ -334,7 +377,7 @@ fn write(
     let Some(reference) = found.cameras.iter().find(|c| c.name == first) else {
         return Err(format!(
             "poses in {} refer to its first camera, {first}, which is not among those that agree; nothing is written",
-            path.display()
+            args.rig.display()
         )
         .into());
     };
@@ -351,9 +394,13 @@ fn write(
             frames: joined.instants as u64,
             rms_px: c.rms_px,
         };
-        edit.set_pose(&CameraName::new(&c.name)?, pose.0.matrix(), &pose.1, None, Some(&note));
+        let name = CameraName::new(&c.name)?;
+        if !args.refine.is_empty() {
+            edit.set_intrinsics(&name, &c.model, None, Some(&note));
+        }
+        edit.set_pose(&name, pose.0.matrix(), &pose.1, None, Some(&note));
     }
     edit.save()?;
-    println!("written to {}; the old one is kept beside it as .bak", path.display());
+    println!("written to {}; the old one is kept beside it as .bak", args.rig.display());
     Ok(())
 }
