@@ -1,5 +1,7 @@
 //! Drives the session: gives it pictures, does what it says, keeps what it keeps.
 
+mod publish;
+
 use std::{
     error::Error,
     path::PathBuf,
@@ -12,12 +14,11 @@ use std::{
 
 use netcord_calib::{
     detect::Depth,
-    session::{Outcome, Phase, ProblemError, Session, SessionFolder, Shot, Status, Task},
+    session::{Outcome, Phase, ProblemError, Session, SessionFolder, Shot, Task},
     solve::CameraViews,
     table::BoardOnTable,
 };
 use netcord_common::Shutdown;
-use serde::Serialize;
 
 use super::{
     super::save,
@@ -67,36 +68,6 @@ pub struct Progress {
 enum Solving {
     Step(String, f64),
     Done(Box<Result<Outcome, ProblemError>>, Vec<CameraViews>),
-}
-
-#[derive(Serialize)]
-struct State<'a> {
-    version: u64,
-    /// The shot that the cameras' corners belong to.
-    shot: u64,
-    rig: String,
-    board: &'a str,
-    folder: String,
-    source: SourceState,
-    tasks: Vec<TaskState>,
-    session: Status,
-    step: Option<(&'a str, f64)>,
-    trouble: Option<&'a str>,
-}
-
-#[derive(Serialize)]
-struct SourceState {
-    kind: &'static str,
-    position: Option<(usize, usize)>,
-    ended: bool,
-}
-
-#[derive(Serialize)]
-struct TaskState {
-    task: Task,
-    views: usize,
-    phase: Phase,
-    has_result: bool,
 }
 
 impl Engine {
@@ -372,46 +343,5 @@ impl Engine {
         self.source.rewind(looked);
         (self.state.pending, self.state.ended) = (None, false);
         Ok(())
-    }
-
-    /// Tells the page how things stand, with the pictures of a shot that was just looked at.
-    fn publish(&self, raw: Option<&RawShot>) {
-        let tasks = self.sessions.iter().map(|s| TaskState {
-            task: s.setup().task,
-            views: s.kept().len(),
-            phase: s.phase(),
-            has_result: s.outcome().is_some(),
-        });
-        let state = State {
-            version: 0,
-            shot: 0,
-            rig: self.rig.display().to_string(),
-            board: &self.board,
-            folder: self.folder.root().display().to_string(),
-            source: SourceState {
-                kind: self.source.kind(),
-                position: self.source.position(),
-                ended: self.state.ended,
-            },
-            tasks: tasks.collect(),
-            session: self.sessions[self.active].status(),
-            step: self.state.step.as_ref().map(|(what, share)| (what.as_str(), *share)),
-            trouble: self.state.trouble.as_deref(),
-        };
-        self.desk.publish(|published| {
-            if let Some(raw) = raw {
-                let number = published.pictures.back().map_or(1, |(number, _)| number + 1);
-                let pictures = raw.lumas().into_iter().map(|luma| luma.map(Arc::clone)).collect();
-                published.pictures.push_back((number, pictures));
-                if published.pictures.len() > SHOTS_SHOWN {
-                    published.pictures.pop_front();
-                }
-            }
-            let shot = published.pictures.back().map_or(0, |(number, _)| *number);
-            let state = State { shot, version: published.version + 1, ..state };
-            published.state = serde_json::to_string(&state).unwrap_or_default().into();
-            published.task = Some(self.task());
-            published.shown = self.state.shown.get(self.active).cloned().flatten();
-        });
     }
 }

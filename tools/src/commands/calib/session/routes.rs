@@ -32,6 +32,10 @@ pub struct Routes {
     pub folder: SessionFolder,
 }
 
+fn script(text: &'static str) -> Response {
+    Response::of("text/javascript; charset=utf-8", text)
+}
+
 impl Routes {
     /// The answer to a request.
     pub fn answer(&self, request: &Request) -> Response {
@@ -46,9 +50,9 @@ impl Routes {
             ("GET", "") => Response::of("text/html; charset=utf-8", include_str!("page/index.html")),
             ("GET", "page.css") => Response::of("text/css; charset=utf-8", include_str!("page/page.css")),
             ("GET", "icon.svg") => Response::of("image/svg+xml", include_str!("page/icon.svg")),
-            ("GET", "page.js") => {
-                Response::of("text/javascript; charset=utf-8", include_str!("page/page.js"))
-            }
+            ("GET", "page.js") => script(include_str!("page/page.js")),
+            ("GET", "cameras.js") => script(include_str!("page/cameras.js")),
+            ("GET", "review.js") => script(include_str!("page/review.js")),
             ("GET", "state") => {
                 let after = request.query("after").and_then(|v| v.parse().ok()).unwrap_or(0);
                 Response::json(self.desk.state_after(after, PATIENCE).as_bytes())
