@@ -7,14 +7,9 @@ use std::{
 
 use nalgebra::Vector2;
 use netcord_common::picture::{self, Channels, PictureError};
-use rayon::prelude::*;
 use thiserror::Error;
 
-use crate::{
-    board::Pattern,
-    detect::{Absence, BoardView, Depth, Detector, Luma, convex_hull},
-    solve::{CameraViews, View},
-};
+use crate::detect::{Absence, BoardView, Detector, Luma};
 
 /// Which views are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,15 +95,6 @@ pub struct Picture {
     pub path: PathBuf,
 }
 
-/// What became of a camera's pictures.
-#[derive(Debug)]
-pub struct Gathered {
-    /// The views kept.
-    pub views: CameraViews,
-    /// All others, with the reason.
-    pub rejected: Vec<(String, Rejection)>,
-}
-
 /// The pictures (PNG and JPEG) of a folder by name, or one file.
 ///
 /// # Errors
@@ -148,142 +134,6 @@ pub fn read(path: &Path) -> Result<Luma, Rejection> {
     let picture = picture::Picture::read(path, Channels::Grey).map_err(|e| unreadable(reason(&e)))?;
     Luma::new(picture.width(), picture.height(), picture.into_bytes())
         .ok_or_else(|| unreadable("it is empty".to_owned()))
-}
-
-/// Searches all pictures of one camera on all cores, and keeps views by [`GatherOptions`], in order.
-/// `done` is called after each picture.
-pub fn gather(
-    camera: &str,
-    pictures: &[Picture],
-    detector: &Detector,
-    options: &GatherOptions,
-    done: &(dyn Fn() + Sync),
-) -> Gathered {
-    let named: Vec<(String, &Path)> = pictures.iter().map(|p| (p.name.clone(), p.path.as_path())).collect();
-    gather_from(camera, &named, |path| read(path), detector, options, done)
-}
-
-/// As [`gather`], from pictures of any kind by their names, such as the frames of a recording.
-pub fn gather_from<P: Sync>(
-    camera: &str,
-    pictures: &[(String, P)],
-    read: impl Fn(&P) -> Result<Luma, Rejection> + Sync,
-    detector: &Detector,
-    options: &GatherOptions,
-    done: &(dyn Fn() + Sync),
-) -> Gathered {
-    let found: Vec<Result<(BoardView, (u32, u32)), Rejection>> = pictures
-        .par_iter()
-        .map(|(_, p)| {
-            let picture = read(p);
-            let result = picture.and_then(|image| {
-                let size = (image.width() as u32, image.height() as u32);
-                match detector.find(&image, Depth::Final) {
-                    Some(view) => Ok((view, size)),
-                    None => Err(detector.diagnose(&image).into()),
-                }
-            });
-            done();
-            result
-        })
-        .collect();
-    let size = usual_size(found.iter().flatten().map(|(_, size)| *size));
-    let part = largest_part(detector, found.iter().flatten().map(|(board, _)| board));
-    let mut kept: Vec<(View, Vec<Vector2<f64>>)> = Vec::new();
-    let mut rejected = Vec::new();
-    for ((name, _), result) in pictures.iter().zip(found) {
-        let verdict = result.and_then(|(board, found)| {
-            if let Some(expected) = size.filter(|expected| *expected != found) {
-                return Err(Rejection::Size { found, expected });
-            }
-            if let Some(seen) = part {
-                return Err(Rejection::NeverWhole { wanted: detector.board().to_string(), seen });
-            }
-            let outlines: Vec<(&str, &[Vector2<f64>])> =
-                kept.iter().map(|(v, o)| (v.name.as_str(), o.as_slice())).collect();
-            judge(&board, detector, &outlines, options)?;
-            Ok(board)
-        });
-        match verdict {
-            Ok(board) => kept.push((detector.view(name, &board), Detector::outline(&board))),
-            Err(reason) => rejected.push((name.clone(), reason)),
-        }
-    }
-    let views = kept.into_iter().map(|(v, _)| v).collect();
-    Gathered { views: CameraViews { name: camera.to_owned(), size: size.unwrap_or((0, 0)), views }, rejected }
-}
-
-/// Of a chessboard that is never seen whole in several pictures: columns and rows of its largest part.
-fn largest_part<'a>(
-    detector: &Detector,
-    views: impl Iterator<Item = &'a BoardView> + Clone,
-) -> Option<(usize, usize)> {
-    /// Fewer pictures may all happen to be cut.
-    const SEVERAL: usize = 3;
-    let Pattern::Chessboard { columns, .. } = detector.board().pattern else { return None };
-    if views.clone().count() < SEVERAL || views.clone().any(|v| v.anchored) {
-        return None;
-    }
-    let span = |values: &mut dyn Iterator<Item = usize>| -> usize {
-        let (low, high) = values.fold((usize::MAX, 0), |(l, h), v| (l.min(v), h.max(v)));
-        if low > high { 0 } else { high - low + 1 }
-    };
-    let parts = views.map(|v| {
-        let across = span(&mut v.corners.iter().map(|c| c.id % columns));
-        (across, span(&mut v.corners.iter().map(|c| c.id / columns)))
-    });
-    parts.max_by_key(|(w, h)| w * h)
-}
-
-/// The size that most pictures have; of equally many the first.
-fn usual_size(sizes: impl Iterator<Item = (u32, u32)>) -> Option<(u32, u32)> {
-    let mut counts: Vec<((u32, u32), usize)> = Vec::new();
-    for size in sizes {
-        match counts.iter_mut().find(|(s, _)| *s == size) {
-            Some((_, n)) => *n += 1,
-            None => counts.push((size, 1)),
-        }
-    }
-    let most = counts.iter().map(|(_, n)| *n).max()?;
-    counts.into_iter().find(|(_, n)| *n == most).map(|(s, _)| s)
-}
-
-/// Of views of several cameras at the same instants, those that tell most, in order: an instant is kept when,
-/// to at least one of the cameras that see it, the board stands otherwise than in all kept before
-/// ([`GatherOptions::max_iou`]), until each camera has [`GatherOptions::max_views`]. Returns the names left out.
-pub fn thin_out(cameras: &mut [CameraViews], options: &GatherOptions) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for view in cameras.iter().flat_map(|c| &c.views) {
-        if !names.contains(&view.name) {
-            names.push(view.name.clone());
-        }
-    }
-    let mut kept: Vec<Vec<Vec<Vector2<f64>>>> = vec![Vec::new(); cameras.len()];
-    let mut left_out = Vec::new();
-    // What two cameras see comes first: it gives poses as well as intrinsics.
-    let seen_by = |name: &str| cameras.iter().filter(|c| c.views.iter().any(|v| v.name == name)).count();
-    let (together, alone): (Vec<String>, Vec<String>) = names.into_iter().partition(|n| seen_by(n) >= 2);
-    for name in together.into_iter().chain(alone) {
-        let outlines: Vec<(usize, Vec<Vector2<f64>>)> = cameras
-            .iter()
-            .enumerate()
-            .filter_map(|(i, c)| c.views.iter().find(|v| v.name == name).map(|v| (i, v)))
-            .map(|(i, v)| (i, convex_hull(v.image.clone())))
-            .collect();
-        let room = outlines.iter().any(|(i, _)| kept[*i].len() < options.max_views);
-        let new = outlines.iter().any(|(i, outline)| {
-            kept[*i].iter().all(|k| intersection_over_union(outline, k) <= options.max_iou)
-        });
-        if room && new {
-            outlines.into_iter().for_each(|(i, outline)| kept[i].push(outline));
-        } else {
-            left_out.push(name);
-        }
-    }
-    for camera in cameras {
-        camera.views.retain(|v| !left_out.contains(&v.name));
-    }
-    left_out
 }
 
 /// Whether a view is worth keeping beside those whose outlines are `kept`.

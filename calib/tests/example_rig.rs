@@ -1,13 +1,15 @@
 //! What calibration contributes to the error of positions over the table, on the example rig, with corners
 //! ± 0.1 px; and what more frames are worth.
 
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use netcord_calib::{
     board::CalibrationBoard,
     check::nearest_point,
-    gather::{GatherOptions, thin_out},
+    detect::{BoardView, Corner, Detector},
+    gather::GatherOptions,
+    session::{self, Session, SessionCamera, Shot, Sight, Task},
     solve::{CameraViews, MonoOptions, RigCalibration, RigOptions, View, calibrate_mono, calibrate_rig},
 };
 use netcord_common::{
@@ -111,6 +113,37 @@ impl Setup {
         cameras
     }
 
+    /// The views that a session keeps of these.
+    fn chosen(
+        &self,
+        views: &[CameraViews],
+        models: &[CameraModel],
+        options: GatherOptions,
+    ) -> Vec<CameraViews> {
+        let board = CalibrationBoard::parse("aruco:4x3:DICT_4X4_50:120mm:30mm", |_| Err("none".into()));
+        let camera = |(c, model): (&CameraViews, &CameraModel)| SessionCamera {
+            name: c.name.clone(),
+            model: Some(*model),
+            camera_from_first: None,
+        };
+        let cameras = views.iter().zip(models).map(camera).collect();
+        let task = session::Setup { options, ..session::Setup::new(Task::Rig, cameras) };
+        let mut session = Session::new(task, Arc::new(Detector::new(board.expect("valid"))));
+        let id = |object: &Vector3<f64>| self.board.iter().position(|b| b == object).expect("on the board");
+        let sight = |c: &CameraViews, k: usize| {
+            let view = &c.views[k];
+            let corners = view.object.iter().zip(&view.image).map(|(o, at)| Corner { id: id(o), at: *at });
+            let board = BoardView { corners: corners.collect(), markers: Vec::new(), anchored: true };
+            Some(Ok(Sight { size: c.size, stamp_ns: None, board: Ok(board), blur_px: None }))
+        };
+        let shot = |k: usize| Shot {
+            name: views[0].views[k].name.clone(),
+            sights: views.iter().map(|c| sight(c, k)).collect(),
+        };
+        session.offer_all((0..views[0].views.len()).map(shot).collect()).expect("gathers");
+        session.views()
+    }
+
     /// Median error, m, over the volume in which the ball is played, of positions triangulated from exact
     /// pixels with the found rig; in the first camera's frame, nothing aligned.
     fn error(&self, found: &RigCalibration) -> f64 {
@@ -185,7 +218,7 @@ fn few_frames_chosen_well_are_as_good_as_many() {
                 let mut views = setup.together(count, &mut random);
                 let options = GatherOptions { max_iou, max_views: 30, ..GatherOptions::default() };
                 if max_iou < 1.0 {
-                    thin_out(&mut views, &options);
+                    views = setup.chosen(&views, &models, options);
                 }
                 let begin = Instant::now();
                 let found = calibrate_rig(&views, &models, &RigOptions::default()).expect("calibrates");

@@ -2,16 +2,39 @@
 
 mod support;
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, sync::Arc};
 
 use netcord_calib::{
-    gather::{GatherOptions, Gathered, Rejection, gather, pictures, thin_out},
-    solve::{CalibrationError, MonoOptions, RigOptions, calibrate_mono, calibrate_rig},
+    detect::Depth,
+    gather::{Rejection, pictures, read},
+    session::{Reason, Session, SessionCamera, Setup, Shot, Sight, Task},
+    solve::{CalibrationError, CameraViews, MonoOptions, RigOptions, calibrate_mono, calibrate_rig},
 };
 use support::{detector, shared};
 
-fn gathered(folder: &Path, spec: &str, options: &GatherOptions) -> Gathered {
-    gather("camera", &pictures(folder).expect("readable"), &detector(spec), options, &|| {})
+/// What a session keeps of a folder, and why not the rest.
+struct Gathered {
+    views: CameraViews,
+    rejected: Vec<(String, Rejection)>,
+}
+
+fn gathered(folder: &Path, spec: &str) -> Gathered {
+    let detector = Arc::new(detector(spec));
+    let camera = SessionCamera { name: "camera".to_owned(), model: None, camera_from_first: None };
+    let mut session = Session::new(Setup::new(Task::Mono, vec![camera]), Arc::clone(&detector));
+    let shot = |p: netcord_calib::gather::Picture| {
+        let sight = read(&p.path).map(|luma| Sight::of(&luma, &detector, Depth::Final, None));
+        Shot { name: p.name, sights: vec![Some(sight)] }
+    };
+    let shots = pictures(folder).expect("readable").into_iter().map(shot).collect();
+    let offered = session.offer_all(shots).expect("gathers");
+    let rejected = offered.into_iter().filter_map(|o| match o.verdict.cameras.into_iter().next()? {
+        Some(Err(Reason::View(rejection))) => Some((o.name, rejection)),
+        Some(Err(other)) => panic!("{}: {other}", o.name),
+        _ => None,
+    });
+    let rejected = rejected.collect();
+    Gathered { views: session.views().remove(0), rejected }
 }
 
 /// A folder with the left pictures of the stereo set; `None`, said aloud, where they are absent.
@@ -33,25 +56,24 @@ fn reason<'a>(gathered: &'a Gathered, name: &str) -> &'a Rejection {
 #[test]
 fn other_boards_are_told_by_what_was_seen_instead() {
     let Some(folder) = left() else { return };
-    let options = GatherOptions::default();
     // Smaller than the board in the pictures: each says which it is.
-    let found = gathered(folder.path(), "chessboard:8x5:25mm", &options);
+    let found = gathered(folder.path(), "chessboard:8x5:25mm");
     assert!(found.views.views.is_empty(), "{} views", found.views.views.len());
     let said = reason(&found, "left01").to_string();
     assert!(said.contains("9 × 6 inner corners"), "{said}");
     // Larger: never seen whole.
-    let found = gathered(folder.path(), "chessboard:10x7:25mm", &options);
+    let found = gathered(folder.path(), "chessboard:10x7:25mm");
     assert!(
         matches!(reason(&found, "left01"), Rejection::NeverWhole { seen: (9, 6), .. }),
         "{:?}",
         found.rejected
     );
-    let found = gathered(folder.path(), "charuco:5x7:DICT_6X6_250:40mm:20mm", &options);
+    let found = gathered(folder.path(), "charuco:5x7:DICT_6X6_250:40mm:20mm");
     let said = reason(&found, "left01").to_string();
     assert!(said.contains("charuco:5x7") && said.contains("9 × 6 inner corners"), "{said}");
 
     let Some(aruco) = shared("boards/aruco-opencv/opencv_charuco_calib") else { return };
-    let found = gathered(&aruco, "charuco:5x7:DICT_4X4_50:40mm:20mm", &options);
+    let found = gathered(&aruco, "charuco:5x7:DICT_4X4_50:40mm:20mm");
     let said = reason(&found, "img_00").to_string();
     assert!(found.views.views.is_empty() && said.contains("DICT_6X6"), "{said}");
 }
@@ -66,7 +88,7 @@ fn corrupt_files_and_other_sizes_are_named_and_the_rest_goes_on() {
     let picture = image::open(folder.path().join("left05.jpg")).expect("a picture");
     let small = picture.resize_exact(480, 360, image::imageops::FilterType::Triangle);
     small.save(folder.path().join("aa.png")).expect("written");
-    let found = gathered(folder.path(), "chessboard:9x6:25mm", &GatherOptions::default());
+    let found = gathered(folder.path(), "chessboard:9x6:25mm");
     assert_eq!(found.views.size, (640, 480));
     assert_eq!(found.views.views.len(), 6, "{:?}", found.rejected);
     assert!(matches!(reason(&found, "a-text"), Rejection::Unreadable(_)));
@@ -77,7 +99,7 @@ fn corrupt_files_and_other_sizes_are_named_and_the_rest_goes_on() {
 #[test]
 fn too_few_alike_and_unconnected_views_are_refused_with_advice() {
     let Some(folder) = left() else { return };
-    let found = gathered(folder.path(), "chessboard:9x6:25mm", &GatherOptions::default()).views;
+    let found = gathered(folder.path(), "chessboard:9x6:25mm").views;
     let mut few = found.clone();
     few.views.truncate(2);
     let error = calibrate_mono(&few, &MonoOptions::default()).expect_err("two views");
@@ -90,9 +112,10 @@ fn too_few_alike_and_unconnected_views_are_refused_with_advice() {
     }
     let error = calibrate_mono(&alike, &MonoOptions::default()).expect_err("one view five times");
     assert!(matches!(error, CalibrationError::Alike { .. }), "{error}");
-    let mut thinned = [alike];
-    let left_out = thin_out(&mut thinned, &GatherOptions::default());
-    assert_eq!((thinned[0].views.len(), left_out.len()), (1, 4));
+    let again = folder.path().join("left01-again.jpg");
+    fs::copy(folder.path().join("left01.jpg"), &again).expect("copied");
+    let twice = gathered(folder.path(), "chessboard:9x6:25mm");
+    assert!(matches!(reason(&twice, "left01-again"), Rejection::Alike { .. }), "{:?}", twice.rejected);
 
     let model = calibrate_mono(&found, &MonoOptions::default()).expect("calibrates").model;
     let mut other = found.clone();

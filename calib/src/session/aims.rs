@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{
     advice::{Place, Tilt},
-    machine::KeptView,
+    kept::KeptView,
     setup::Task,
 };
 use crate::solve::board_pose;

@@ -5,17 +5,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use netcord_common::picture::{Channels, Effort, Picture, PictureError};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use super::{
-    machine::{KeptShot, KeptView, Mark},
+    files::{FolderError, write_png, write_whole},
+    kept::{KeptShot, KeptView, Mark},
     setup::{SessionCamera, Task},
 };
 use crate::{
     detect::{Luma, convex_hull},
-    solve::{CalibrationError, CameraViews, read_corners, write_corners},
+    solve::{CameraViews, read_corners, write_corners},
 };
 
 /// What a session has gathered, on disk: of each shot a folder with the cameras' pictures as PNG and their corners
@@ -34,53 +33,6 @@ use crate::{
 #[derive(Debug)]
 pub struct SessionFolder {
     root: PathBuf,
-}
-
-/// A folder that cannot be used.
-#[derive(Debug, Error)]
-pub enum FolderError {
-    /// Reading or writing failed.
-    #[error("cannot {doing} {path}")]
-    File {
-        /// What was tried.
-        doing: &'static str,
-        /// With which file or folder.
-        path: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
-    /// The folder belongs to another board.
-    #[error(
-        "the session in {path} was begun with the board {found}, not {wanted}; go on with that board, or give another \
-         --folder"
-    )]
-    Board {
-        /// The folder.
-        path: PathBuf,
-        /// Its board.
-        found: String,
-        /// The board asked for.
-        wanted: String,
-    },
-    /// `session.json` or the marks do not read.
-    #[error("{path} does not read as what a session writes there; remove it, or give another --folder")]
-    Description {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: serde_json::Error,
-    },
-    /// The corners of a shot do not read.
-    #[error("the corners in {path} do not read; remove that folder to go on without it")]
-    Corners {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: CalibrationError,
-    },
-    /// A picture cannot be written as PNG.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
 }
 
 #[derive(Serialize, Deserialize)]
@@ -152,7 +104,8 @@ impl SessionFolder {
         let mut shots = Vec::new();
         for entry in entries {
             let path = entry.map_err(failed)?.path();
-            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            // What a folder lists has a name.
+            let Some(name) = path.file_name().map(|n| n.to_string_lossy().into_owned()) else { continue };
             if let Some((number, name)) = name.split_once('-')
                 && let Ok(number) = number.parse()
                 && path.is_dir()
@@ -332,27 +285,4 @@ fn dir_name(name: &str) -> String {
 
 fn dir(number: u32, name: &str) -> String {
     format!("{number:04}-{}", dir_name(name))
-}
-
-/// Writes beside, then renames.
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FolderError> {
-    let mut new = path.as_os_str().to_owned();
-    new.push(".new");
-    let new = PathBuf::from(new);
-    let written = fs::File::create(&new).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    written.and_then(|()| fs::rename(&new, path)).map_err(|source| FolderError::File {
-        doing: "write",
-        path: path.to_owned(),
-        source,
-    })
-}
-
-fn write_png(path: &Path, picture: &Luma) -> Result<(), FolderError> {
-    let size = (picture.width(), picture.height());
-    let Some(picture) = Picture::new(size, Channels::Grey, picture.pixels().to_vec()) else { return Ok(()) };
-    // The board is held up while this is written: quick before small.
-    Ok(picture.write_png(path, Effort::Quick)?)
 }

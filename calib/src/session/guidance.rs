@@ -3,7 +3,8 @@
 use super::{
     advice::Advice,
     aims::{Aims, CameraAims},
-    machine::{KeptShot, Mark, Phase, Session},
+    kept::{KeptShot, Mark},
+    machine::{Phase, Session},
     setup::Task,
     verdict::Reason,
 };

@@ -3,7 +3,8 @@
 use nalgebra::Vector2;
 
 use super::{
-    machine::{KeptShot, Session},
+    kept::KeptShot,
+    machine::Session,
     setup::Task,
     shot::{Shot, Sight},
     verdict::{Reason, Verdict},

@@ -1,11 +1,11 @@
 use std::sync::Arc;
 
-use nalgebra::Vector2;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+use serde::Serialize;
 
 use super::{
+    error::SessionError,
     judging::board_of,
+    kept::{KeptShot, KeptView, Mark},
     problem::{Outcome, Problem, ProblemError},
     setup::{SessionCamera, Setup, Task},
     shot::{Shot, Sight},
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     detect::Detector,
-    solve::{CameraViews, View},
+    solve::CameraViews,
     table::{self, BoardOnTable},
 };
 
@@ -33,65 +33,6 @@ pub enum Phase {
     Review,
     /// The result is in the rig file.
     Saved,
-}
-
-/// A camera's view in a shot that was kept.
-#[derive(Debug, Clone, PartialEq)]
-pub struct KeptView {
-    /// Corners.
-    pub view: View,
-    /// The picture's size, px.
-    pub size: (u32, u32),
-    /// Outline of the corners, px.
-    pub outline: Vec<Vector2<f64>>,
-}
-
-/// A shot of which something was kept.
-#[derive(Debug, Clone, PartialEq)]
-pub struct KeptShot {
-    /// Its name.
-    pub name: String,
-    /// Per camera.
-    pub views: Vec<Option<KeptView>>,
-}
-
-/// A mark of the table that somebody pointed at in a camera's picture.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Mark {
-    /// The camera's name.
-    pub camera: String,
-    /// The mark's, as [`crate::table::mark`] takes it.
-    pub mark: String,
-    /// Its raw pixel.
-    pub at: [f64; 2],
-}
-
-/// What a session cannot do where it stands.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum SessionError {
-    /// Not in this phase.
-    #[error("cannot {doing} now: the session is at {phase}")]
-    Phase {
-        /// What was asked.
-        doing: &'static str,
-        /// Where it stands.
-        phase: &'static str,
-    },
-    /// Nothing kept.
-    #[error("no view has been kept yet")]
-    NoViews,
-    /// Neither views nor marks.
-    #[error("neither a view of the board on the table nor a mark of the table has been given yet")]
-    NoTable,
-    /// Nobody knows where the board lies.
-    #[error("say how the board lies on the table first: where its first corner is, and how far it is turned")]
-    NoPlace,
-    /// No such mark.
-    #[error("{0}")]
-    Mark(String),
-    /// No such shot.
-    #[error("there is no view {0:?}")]
-    Unknown(String),
 }
 
 /// The session. Nothing in it reads a clock or a file.
@@ -347,7 +288,9 @@ impl Session {
         self.not_processing("process")?;
         match self.setup.task {
             Task::Mono | Task::Rig if self.kept.is_empty() => return Err(SessionError::NoViews),
-            Task::Table if self.kept.is_empty() && self.marks.is_empty() => {
+            Task::Table
+                if self.kept.is_empty() && self.marks.is_empty() && self.setup.table.contacts.is_empty() =>
+            {
                 return Err(SessionError::NoTable);
             }
             Task::Table if !self.kept.is_empty() && self.setup.on_table.is_none() => {

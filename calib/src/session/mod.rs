@@ -6,11 +6,15 @@
 
 mod advice;
 mod aims;
+mod batch;
 mod blur;
+mod error;
+mod files;
 mod folder;
 mod guidance;
 mod heat;
 mod judging;
+mod kept;
 mod machine;
 mod problem;
 mod setup;
@@ -25,12 +29,16 @@ mod verdict;
 
 pub use advice::{Advice, Place, Tilt};
 pub use aims::{Aim, Aims, CameraAims};
+pub use batch::Offered;
 pub use blur::blur_px;
-pub use folder::{FolderError, SessionFolder};
+pub use error::SessionError;
+pub use files::FolderError;
+pub use folder::SessionFolder;
 pub use heat::HeatMap;
-pub use machine::{KeptShot, KeptView, Mark, Phase, Session, SessionError};
+pub use kept::{KeptShot, KeptView, Mark};
+pub use machine::{Phase, Session};
 pub use problem::{Outcome, Problem, ProblemError, Solved};
-pub use setup::{SessionCamera, Setup, Task};
+pub use setup::{SessionCamera, Setup, Solver, TableKnown, Task};
 pub use shot::{Shot, Sight};
 pub use status::{CameraStatus, KeptStatus, Status};
 pub use stillness::Stillness;

@@ -3,14 +3,14 @@ use netcord_common::camera::CameraModel;
 use thiserror::Error;
 
 use super::{
-    machine::Mark,
+    kept::Mark,
     setup::{Setup, Task},
     table::{MARKS_VIEW, TableOutcome},
 };
 use crate::{
     solve::{
         CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
-        RigOptions, View, calibrate_mono, calibrate_rig, coverage, cross_validate,
+        View, calibrate_mono, calibrate_rig, coverage, cross_validate,
     },
     table::TableError,
 };
@@ -96,7 +96,7 @@ impl Problem {
                 let mut solved = Vec::new();
                 for (i, camera) in with_views.iter().enumerate() {
                     progress(&format!("{}: intrinsics", camera.name), i as f64 / with_views.len() as f64);
-                    solved.push(Solved::of(camera)?);
+                    solved.push(Solved::of(camera, &self.setup.solver.mono)?);
                 }
                 Ok(Outcome::Mono(solved))
             }
@@ -109,14 +109,14 @@ impl Problem {
                         Some(model) => models.push(model),
                         None => {
                             progress(&format!("{}: intrinsics", camera.name), i as f64 / steps);
-                            let own = Solved::of(camera)?;
+                            let own = Solved::of(camera, &self.setup.solver.mono)?;
                             models.push(own.calibration.model);
                             solved.push(own);
                         }
                     }
                 }
                 progress("poses of all cameras together", (steps - 1.0) / steps);
-                let rig = calibrate_rig(&self.cameras, &models, &RigOptions::default())?;
+                let rig = calibrate_rig(&self.cameras, &models, &self.setup.solver.rig)?;
                 let coverage = self.cameras.iter().map(covered).collect();
                 Ok(Outcome::Rig { solved, rig: Box::new(rig), coverage })
             }
@@ -148,10 +148,9 @@ fn covered(camera: &CameraViews) -> f64 {
 }
 
 impl Solved {
-    fn of(camera: &CameraViews) -> Result<Self, CalibrationError> {
-        let options = MonoOptions::default();
-        let calibration = calibrate_mono(camera, &options)?;
-        let validation = cross_validate(camera, &options, &calibration, FOLDS).ok();
+    fn of(camera: &CameraViews, options: &MonoOptions) -> Result<Self, CalibrationError> {
+        let calibration = calibrate_mono(camera, options)?;
+        let validation = cross_validate(camera, options, &calibration, FOLDS).ok();
         Ok(Self { calibration, coverage: covered(camera), validation })
     }
 

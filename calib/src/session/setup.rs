@@ -6,7 +6,11 @@ use netcord_common::{
 };
 use serde::Serialize;
 
-use crate::{gather::GatherOptions, table::BoardOnTable};
+use crate::{
+    gather::GatherOptions,
+    solve::{MonoOptions, RigOptions},
+    table::{BoardOnTable, Contact, TableStart},
+};
 
 /// What a session is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -60,6 +64,26 @@ pub struct SessionCamera {
     pub camera_from_first: Option<Transform<Camera, World>>,
 }
 
+/// How what was gathered is solved.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Solver {
+    /// Each camera by itself.
+    pub mono: MonoOptions,
+    /// All cameras together.
+    pub rig: RigOptions,
+}
+
+/// What is known of the table beside what cameras see of it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TableKnown {
+    /// Points that lie at a known height over it, such as bounces.
+    pub contacts: Vec<Contact>,
+    /// Where it is believed to be.
+    pub start: Option<TableStart>,
+    /// Standard deviation of a mark along one axis, px, where it is known.
+    pub noise_px: Option<f64>,
+}
+
 /// What is settled before a session begins.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
@@ -69,8 +93,12 @@ pub struct Setup {
     pub cameras: Vec<SessionCamera>,
     /// How the board lies on the table, for that task.
     pub on_table: Option<BoardOnTable>,
+    /// What is known of the table otherwise, for that task.
+    pub table: TableKnown,
     /// Which views are kept.
     pub options: GatherOptions,
+    /// How they are solved.
+    pub solver: Solver,
     /// Whether shots follow each other in time, so that a board in motion can be told, and the same reason to
     /// reject counts once until it changes. Not so for pictures that somebody chose.
     pub continuous: bool,
@@ -92,6 +120,15 @@ impl Setup {
                 ..GatherOptions::default()
             },
         };
-        Self { task, cameras, on_table: None, options, continuous: false, tolerance_ns: 5_000_000 }
+        Self {
+            task,
+            cameras,
+            on_table: None,
+            table: TableKnown::default(),
+            options,
+            solver: Solver::default(),
+            continuous: false,
+            tolerance_ns: 5_000_000,
+        }
     }
 }

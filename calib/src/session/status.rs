@@ -6,7 +6,8 @@ use super::{
     advice::Advice,
     aims::Aim,
     heat::HeatMap,
-    machine::{Mark, Phase, Session},
+    kept::Mark,
+    machine::{Phase, Session},
     setup::Task,
 };
 use crate::detect::Detector;
@@ -131,8 +132,9 @@ impl Session {
         CameraStatus {
             name: setup.name.clone(),
             size: sight.map(|s| s.size),
-            corners: board.map(|b| b.corners.iter().map(|c| round(&c.at)).collect()).unwrap_or_default(),
-            outline: board.map(|b| Detector::outline(b).iter().map(round).collect()).unwrap_or_default(),
+            // Empty where no board was seen.
+            corners: board.iter().flat_map(|b| &b.corners).map(|c| round(&c.at)).collect(),
+            outline: board.iter().flat_map(|b| Detector::outline(b)).map(|p| round(&p)).collect(),
             rejected: verdict.and_then(|v| v.as_ref().err()).map(ToString::to_string),
             good: matches!(verdict, Some(Ok(()))),
             blur_px: sight.and_then(|s| s.blur_px),

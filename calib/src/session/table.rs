@@ -75,7 +75,8 @@ impl TableOutcome {
                 });
             }
         }
-        if cameras.is_empty() {
+        let known = &problem.setup.table;
+        if cameras.is_empty() && known.contacts.is_empty() {
             return Err(CalibrationError::NoCameras.into());
         }
         let sightings: Vec<TableSighting> = seen
@@ -87,7 +88,8 @@ impl TableOutcome {
                 pixel: s.pixel,
             })
             .collect();
-        let table = calibrate_table(&cameras, &sightings, &[], None, None)?;
+        let table =
+            calibrate_table(&cameras, &sightings, &known.contacts, known.start.as_ref(), known.noise_px)?;
         let mut residuals: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for s in &seen {
             let camera = &cameras[s.camera];

@@ -3,7 +3,7 @@ use thiserror::Error;
 use crate::gather::Rejection;
 
 /// Why a camera's sight was not kept.
-#[derive(Debug, Error)]
+#[derive(Debug, Clone, Error)]
 pub enum Reason {
     /// What holds for single pictures too.
     #[error(transparent)]
@@ -62,7 +62,7 @@ impl Reason {
 }
 
 /// What becomes of a shot: per camera, nothing where it gave no picture.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Verdict {
     /// By camera.
     pub cameras: Vec<Option<Result<(), Reason>>>,

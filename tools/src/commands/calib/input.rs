@@ -1,13 +1,22 @@
-//! Where corners come from: a file of corners, or pictures of boards.
+//! Where corners come from: a file of corners, or pictures of boards, which a session without a browser gathers.
 
-use std::{error::Error, fs, path::PathBuf};
-
-use netcord_calib::{
-    gather::{GatherOptions, thin_out},
-    solve::{CameraViews, read_corners, write_corners},
+use std::{
+    error::Error,
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use super::pictures;
+use indicatif::ProgressBar;
+use netcord_calib::{
+    detect::Detector,
+    gather::GatherOptions,
+    session::{Outcome, Problem, ProblemError, Session, SessionCamera, Setup, Solver, Task},
+    solve::{CameraViews, read_corners, write_corners},
+};
+use netcord_common::camera::CameraModel;
+
+use super::{board, pictures};
 
 /// Where corners come from.
 #[derive(Debug, Clone, clap::Args)]
@@ -39,8 +48,22 @@ pub struct InputArgs {
     save_corners: Option<PathBuf>,
 }
 
-/// Corners, and what they are of.
-pub struct Input {
+/// What is to be calibrated.
+pub struct Wanted<'a> {
+    /// Lenses, or poses.
+    pub task: Task,
+    /// How many cameras it takes, where that is settled, and what to say to another number.
+    pub exactly: Option<(usize, &'static str)>,
+    /// How.
+    pub solver: Solver,
+    /// Intrinsics of a camera that are known and stay.
+    pub model: &'a dyn Fn(&str) -> Result<Option<CameraModel>, Box<dyn Error>>,
+}
+
+/// A result, and what it came from.
+pub struct Solved {
+    /// The result.
+    pub outcome: Arc<Outcome>,
     /// Per camera.
     pub cameras: Vec<CameraViews>,
     /// The board in words, for the rig file.
@@ -48,32 +71,75 @@ pub struct Input {
 }
 
 impl InputArgs {
-    /// Reads or finds the corners. `simultaneous`: of several cameras whose views belong together.
-    pub fn load(&self, simultaneous: bool) -> Result<Input, Box<dyn Error>> {
+    /// Reads the corners, or leads a session through the pictures; and solves.
+    pub fn solve(&self, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
         if let Some(path) = &self.corners {
-            let text = fs::read_to_string(path)
-                .map_err(|e| format!("cannot read the corner file {}: {e}", path.display()))?;
-            return Ok(Input { cameras: read_corners(&text)?, board: "corners from a file".to_owned() });
+            return solve_corners(path, wanted);
         }
-        let spec = self.board.as_deref().unwrap_or_default();
-        let options =
-            GatherOptions { max_iou: self.max_iou, max_views: self.max_views, ..GatherOptions::default() };
-        let cameras = if simultaneous {
-            let all =
-                GatherOptions { max_iou: 1.0, max_views: usize::MAX, allow_unanchored: false, ..options };
-            let mut cameras = pictures::find(spec, &self.images, &all)?;
-            let left_out = thin_out(&mut cameras, &options);
-            if !left_out.is_empty() {
-                println!("{} more views are left out: they tell nothing new", left_out.len());
-            }
-            cameras
-        } else {
-            pictures::find(spec, &self.images, &options)?
-        };
+        let spec = self.board.as_deref().ok_or("--board is missing: which board is in the pictures?")?;
+        let detector = Arc::new(Detector::new(board::parse(spec)?));
+        let (names, shots) = pictures::search(&detector, &self.images)?;
+        let mut setup = wanted.setup(names)?;
+        (setup.options.max_iou, setup.options.max_views) = (self.max_iou, self.max_views);
+        let mut session = Session::new(setup, detector);
+        pictures::offer(&mut session, shots)?;
+        let cameras = session.views();
         if let Some(path) = &self.save_corners {
             fs::write(path, write_corners(&cameras))
                 .map_err(|e| format!("cannot write {}: {e}", path.display()))?;
         }
-        Ok(Input { cameras, board: spec.to_owned() })
+        let outcome = process(&mut session)?;
+        Ok(Solved { outcome, cameras, board: spec.to_owned() })
+    }
+}
+
+/// Solves what a session has gathered, with a progress bar.
+pub fn process(session: &mut Session) -> Result<Arc<Outcome>, Box<dyn Error>> {
+    let problem = session.process()?;
+    session.finish(solved(&problem));
+    let failed = || session.failure().unwrap_or("the computation gave no result").to_owned();
+    Ok(session.outcome().cloned().ok_or_else(failed)?)
+}
+
+fn solved(problem: &Problem) -> Result<Outcome, ProblemError> {
+    let bar = ProgressBar::new(100);
+    let result = problem.solve(&|what, share| {
+        bar.set_position((100.0 * share) as u64);
+        bar.set_message(what.to_owned());
+    });
+    bar.finish_and_clear();
+    result
+}
+
+/// Corners that somebody else found: nothing is to be gathered.
+fn solve_corners(path: &Path, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
+    let text = fs::read_to_string(path)
+        .map_err(|e| format!("cannot read the corner file {}: {e}", path.display()))?;
+    let cameras = read_corners(&text)?;
+    let setup = wanted.setup(cameras.iter().map(|c| c.name.clone()).collect())?;
+    for (camera, known) in cameras.iter().zip(&setup.cameras) {
+        if let Some(m) = known.model.filter(|m| (m.width, m.height) != camera.size) {
+            return Err(format!(
+                "camera {}: the pictures are {} × {} px, its intrinsics are for {} × {}",
+                camera.name, camera.size.0, camera.size.1, m.width, m.height
+            )
+            .into());
+        }
+    }
+    let problem = Problem { setup, cameras, marks: Vec::new() };
+    let outcome = Arc::new(solved(&problem)?);
+    Ok(Solved { outcome, cameras: problem.cameras, board: "corners from a file".to_owned() })
+}
+
+impl Wanted<'_> {
+    fn setup(self, names: Vec<String>) -> Result<Setup, Box<dyn Error>> {
+        if let Some((_, said)) = self.exactly.filter(|(count, _)| *count != names.len()) {
+            return Err(format!("{said}, not {}", names.len()).into());
+        }
+        let camera = |name: String| -> Result<SessionCamera, Box<dyn Error>> {
+            Ok(SessionCamera { model: (self.model)(&name)?, name, camera_from_first: None })
+        };
+        let cameras = names.into_iter().map(camera).collect::<Result<_, _>>()?;
+        Ok(Setup { solver: self.solver, ..Setup::new(self.task, cameras) })
     }
 }

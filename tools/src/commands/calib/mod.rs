@@ -3,6 +3,7 @@
 mod board;
 mod check;
 mod input;
+mod lines;
 mod motion;
 mod options;
 mod pictures;

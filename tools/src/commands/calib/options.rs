@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, str::FromStr};
 
-use netcord_calib::solve::{INTRINSIC_NAMES, Loss};
+use netcord_calib::solve::{INTRINSIC_NAMES, Loss, MonoOptions};
 
 /// `squares`, `huber:PX` or `cauchy:PX`.
 #[derive(Debug, Clone, Copy)]
@@ -61,6 +61,11 @@ pub struct SolverArgs {
 }
 
 impl SolverArgs {
+    /// How each camera is calibrated by itself.
+    pub fn mono(&self) -> MonoOptions {
+        MonoOptions { free: self.free(), tie_aspect: self.tie_aspect, start: None, loss: self.loss.0 }
+    }
+
     /// Which intrinsics are free.
     pub fn free(&self) -> [bool; 9] {
         let mut free = [true; 9];

@@ -4,18 +4,20 @@ use std::{collections::BTreeMap, error::Error, path::PathBuf, sync::Arc};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use netcord_calib::{
-    detect::{Detector, Luma},
-    gather::{GatherOptions, Gathered, Rejection, gather_from, pictures, read},
+    detect::{Depth, Detector, Luma},
+    gather::{GatherOptions, Rejection, pictures, read},
+    session::{Reason, Session, SessionCamera, Setup, Shot, Sight, Task},
     solve::CameraViews,
 };
 use netcord_capture::recording::{FilmedCamera, Footage, group};
 use netcord_common::FrameView;
+use rayon::prelude::*;
 
 use super::board;
 
 /// A picture that has not been read yet.
 #[derive(Debug, Clone)]
-pub enum Shot {
+pub enum Unread {
     /// A file.
     File(PathBuf),
     /// A frame of a recording.
@@ -30,12 +32,20 @@ pub enum Shot {
 }
 
 /// Pictures of one camera by the names of their instants.
-pub type CameraShots = (String, Vec<(String, Shot)>);
+pub type CameraPictures = (String, Vec<(String, Unread)>);
 
 /// Triggers of a recording that are searched, spread evenly over it: a minute's recording holds thousands.
 const SEARCHED: usize = 300;
 
-impl Shot {
+impl Unread {
+    /// Middle of the exposure, ns, where it is known.
+    fn stamp_ns(&self) -> Option<u64> {
+        match self {
+            Self::File(_) => None,
+            Self::Frame { footage, camera, frame } => Some(footage.cameras[*camera].frames[*frame].stamp_ns),
+        }
+    }
+
     /// Reads it as grey values.
     pub fn read(&self) -> Result<Luma, Rejection> {
         let unreadable = |e: String| Rejection::Unreadable(e);
@@ -55,10 +65,10 @@ impl Shot {
 
 /// The pictures that `images` mean, by camera in their order: `NAME=PATH` or `PATH` of a picture or a folder of
 /// them (the camera is then called `camera`), or a recording with all its cameras (or with `NAME=` one of them).
-pub fn shots(images: &[String]) -> Result<Vec<CameraShots>, Box<dyn Error>> {
-    let mut cameras: Vec<CameraShots> = Vec::new();
+pub fn unread(images: &[String]) -> Result<Vec<CameraPictures>, Box<dyn Error>> {
+    let mut cameras: Vec<CameraPictures> = Vec::new();
     let mut add =
-        |camera: &str, found: Vec<(String, Shot)>| match cameras.iter_mut().find(|(n, _)| n == camera) {
+        |camera: &str, found: Vec<(String, Unread)>| match cameras.iter_mut().find(|(n, _)| n == camera) {
             Some((_, known)) => known.extend(found),
             None => cameras.push((camera.to_owned(), found)),
         };
@@ -77,13 +87,13 @@ pub fn shots(images: &[String]) -> Result<Vec<CameraShots>, Box<dyn Error>> {
         if found.is_empty() {
             return Err(format!("{path} holds no PNG or JPEG pictures").into());
         }
-        let found = found.into_iter().map(|p| (p.name, Shot::File(p.path))).collect();
+        let found = found.into_iter().map(|p| (p.name, Unread::File(p.path))).collect();
         add(camera.unwrap_or("camera"), found);
     }
     Ok(cameras)
 }
 
-fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraShots>, Box<dyn Error>> {
+fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraPictures>, Box<dyn Error>> {
     let footage = Arc::new(Footage::open(path.as_ref())?);
     let wanted: Vec<(usize, &FilmedCamera)> = footage
         .cameras
@@ -100,13 +110,13 @@ fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraShots>, Box<
     let tolerance_ns = footage.interval_ns().unwrap_or(0) / 2;
     let triggers = group(&filmed, tolerance_ns);
     let stride = triggers.len().div_ceil(SEARCHED).max(1);
-    let mut cameras: Vec<CameraShots> =
+    let mut cameras: Vec<CameraPictures> =
         wanted.iter().map(|(_, c)| (c.name.to_string(), Vec::new())).collect();
     for trigger in triggers.iter().step_by(stride) {
         for ((place, frame), (_, found)) in trigger.frames.iter().enumerate().zip(&mut cameras) {
             if let Some(frame) = frame {
                 let shot =
-                    Shot::Frame { footage: Arc::clone(&footage), camera: wanted[place].0, frame: *frame };
+                    Unread::Frame { footage: Arc::clone(&footage), camera: wanted[place].0, frame: *frame };
                 found.push((format!("{:06}", trigger.id), shot));
             }
         }
@@ -114,40 +124,90 @@ fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraShots>, Box<
     Ok(cameras)
 }
 
-/// Finds the board `spec` in the pictures of each camera, with a progress bar; says what was not kept, and why.
+/// The cameras of `images` in their order, and what they saw at each instant of the board: all pictures searched,
+/// on all cores, with a progress bar.
+pub fn search(detector: &Detector, images: &[String]) -> Result<(Vec<String>, Vec<Shot>), Box<dyn Error>> {
+    let cameras = unread(images)?;
+    let mut instants: BTreeMap<String, Vec<Option<Unread>>> = BTreeMap::new();
+    for (place, (_, pictures)) in cameras.iter().enumerate() {
+        for (name, picture) in pictures {
+            // Two pictures of one name by one camera, from two folders, are two instants.
+            let free = |name: &String, instants: &BTreeMap<String, Vec<Option<Unread>>>| {
+                instants.get(name).is_none_or(|p| p[place].is_none())
+            };
+            let names = std::iter::once(name.clone()).chain((2..).map(|k| format!("{name} ({k})")));
+            let name = names.into_iter().find(|n| free(n, &instants)).unwrap_or_default();
+            instants.entry(name).or_insert_with(|| vec![None; cameras.len()])[place] = Some(picture.clone());
+        }
+    }
+    let style = ProgressStyle::with_template("{prefix} {bar:40} {pos}/{len}")?;
+    let count = cameras.iter().map(|(_, p)| p.len() as u64).sum();
+    let bar = ProgressBar::new(count).with_style(style).with_prefix("searching");
+    let sight = |picture: &Unread| -> Result<Sight, Rejection> {
+        let found = picture.read().map(|l| Sight::of(&l, detector, Depth::Final, picture.stamp_ns()));
+        bar.inc(1);
+        found
+    };
+    let shots = instants
+        .into_iter()
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .map(|(name, pictures)| {
+            let sights = pictures.par_iter().map(|p| p.as_ref().map(sight)).collect();
+            Shot { name, sights }
+        })
+        .collect();
+    bar.finish_and_clear();
+    Ok((cameras.into_iter().map(|(name, _)| name).collect(), shots))
+}
+
+/// Offers all shots to a session; says what it kept, and why not the rest.
+pub fn offer(session: &mut Session, shots: Vec<Shot>) -> Result<(), Box<dyn Error>> {
+    let cameras: Vec<String> = session.setup().cameras.iter().map(|c| c.name.clone()).collect();
+    let offered = session.offer_all(shots)?;
+    for (place, camera) in cameras.iter().enumerate() {
+        let verdicts = || offered.iter().filter_map(|o| Some((&o.name, o.verdict.cameras[place].as_ref()?)));
+        let rejected = || verdicts().filter_map(|(name, v)| Some((name.as_str(), v.as_ref().err()?)));
+        let (given, kept) = (verdicts().count(), verdicts().count() - rejected().count());
+        println!("{camera}: {kept} of {given} pictures kept");
+        say_rejected(rejected());
+        if kept == 0 {
+            let why = rejected().next().map_or(String::new(), |(name, why)| format!(" ({name}: {why})"));
+            return Err(format!("camera {camera}: none of its {given} pictures is of use{why}").into());
+        }
+    }
+    Ok(())
+}
+
+/// All views of the board `spec` in the pictures of each camera that `options` let pass.
 pub fn find(
     spec: &str,
     images: &[String],
     options: &GatherOptions,
 ) -> Result<Vec<CameraViews>, Box<dyn Error>> {
-    let detector = Detector::new(board::parse(spec)?);
-    let mut cameras = Vec::new();
-    for (camera, shots) in shots(images)? {
-        let style = ProgressStyle::with_template("{prefix} {bar:40} {pos}/{len}")?;
-        let bar = ProgressBar::new(shots.len() as u64).with_style(style).with_prefix(camera.clone());
-        let gathered = gather_from(&camera, &shots, Shot::read, &detector, options, &|| bar.inc(1));
-        bar.finish_and_clear();
-        println!("{camera}: {} of {} pictures kept", gathered.views.views.len(), shots.len());
-        say_rejected(&gathered);
-        if gathered.views.views.is_empty() {
-            let why =
-                gathered.rejected.first().map_or(String::new(), |(name, why)| format!(" ({name}: {why})"));
-            return Err(
-                format!("camera {camera}: none of its {} pictures is of use{why}", shots.len()).into()
-            );
-        }
-        cameras.push(gathered.views);
-    }
-    Ok(cameras)
+    let detector = Arc::new(Detector::new(board::parse(spec)?));
+    let (cameras, shots) = search(&detector, images)?;
+    let unknown = |name| SessionCamera { name, model: None, camera_from_first: None };
+    let setup = Setup::new(Task::Mono, cameras.into_iter().map(unknown).collect());
+    let mut session = Session::new(Setup { options: *options, ..setup }, detector);
+    offer(&mut session, shots)?;
+    Ok(session.views())
 }
 
 /// One line a picture; of many that share their reason, one line.
-fn say_rejected(gathered: &Gathered) {
+fn say_rejected<'a>(rejected: impl Iterator<Item = (&'a str, &'a Reason)>) {
     /// More than this many of one reason are told together.
     const FEW: usize = 5;
     let mut by_reason: BTreeMap<String, Vec<&str>> = BTreeMap::new();
-    for (name, reason) in &gathered.rejected {
-        by_reason.entry(reason.to_string()).or_default().push(name);
+    for (name, reason) in rejected {
+        // Each is like another one: what they are like tells little.
+        let text = match reason {
+            Reason::View(Rejection::Alike { .. }) => {
+                "the board stands much as in a view that is kept".to_owned()
+            }
+            other => other.to_string(),
+        };
+        by_reason.entry(text).or_default().push(name);
     }
     for (reason, names) in by_reason {
         let shown = names.iter().take(FEW).copied().collect::<Vec<_>>().join(", ");

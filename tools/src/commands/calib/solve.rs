@@ -1,21 +1,17 @@
 //! `netcord calib mono|stereo|rig`.
 
-use std::{
-    error::Error,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{error::Error, fs, path::PathBuf};
 
 use clap::ValueEnum;
 use nalgebra::Vector2;
-use netcord_calib::solve::{
-    CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration, RigOptions,
-    calibrate_mono, calibrate_rig, coverage, cross_validate,
+use netcord_calib::{
+    session::{Outcome as Calibrated, Solved, Solver, Task},
+    solve::{CameraViews, MonoCalibration, Report, RigCalibration, RigOptions},
 };
 use netcord_common::{camera::CameraModel, rig::RigEdit};
 
 use super::{
-    input::{Input, InputArgs},
+    input::{InputArgs, Wanted},
     options::SolverArgs,
     plots::{self, CameraPlot},
     save,
@@ -67,100 +63,72 @@ pub struct RigArgs {
 
 /// Runs `netcord calib mono`.
 pub fn mono(args: &MonoArgs) -> CommandResult {
-    let Input { cameras, board } = args.input.load(false)?;
-    let results = calibrate_each(&cameras, &args.solver)?;
-    let report = Report::of_mono(&results);
-    for (c, coverage, validation) in &results {
-        print_mono(c, *coverage, validation.as_ref());
-    }
-    let plots = results.iter().zip(&cameras).map(|((c, ..), views)| {
+    let solver = Solver { mono: args.solver.mono(), ..Solver::default() };
+    let found = args.input.solve(Wanted { task: Task::Mono, exactly: None, solver, model: &|_| Ok(None) })?;
+    let Calibrated::Mono(results) = found.outcome.as_ref() else { return Err(OTHER_OUTCOME.into()) };
+    results.iter().for_each(print_mono);
+    let plots = results.iter().filter_map(|solved| {
+        let c = &solved.calibration;
+        let views = found.cameras.iter().find(|v| v.name == c.name)?;
         let fits = c.views.iter().map(|v| (v.name.as_str(), v.residuals.as_slice()));
-        plot_of(views, fits, Some(c))
+        Some(plot_of(views, fits, Some(c)))
     });
-    write(&report, &args.solver, plots)?;
+    write(&found.outcome.report(), &args.solver, plots)?;
     if let Some(rig) = &args.rig {
-        save::intrinsics(rig, &board, results.iter().map(|(c, ..)| c))?;
+        save::intrinsics(rig, &found.board, results.iter().map(|s| &s.calibration))?;
     }
     Ok(Outcome::Good)
 }
 
 /// Runs `netcord calib stereo`.
 pub fn stereo(args: &RigArgs) -> CommandResult {
-    let input = args.input.load(true)?;
-    if input.cameras.len() != 2 {
-        let found = input.cameras.len();
-        return Err(
-            format!("calib stereo needs two cameras, not {found} (calib rig takes any number)").into()
-        );
-    }
-    solve_rig("stereo", &input, args)
+    solve_rig(args, Some((2, "calib stereo needs two cameras (calib rig takes any number)")))
 }
 
 /// Runs `netcord calib rig`.
 pub fn rig(args: &RigArgs) -> CommandResult {
-    solve_rig("rig", &args.input.load(true)?, args)
+    solve_rig(args, None)
 }
 
-fn solve_rig(kind: &'static str, input: &Input, args: &RigArgs) -> CommandResult {
-    let cameras = &input.cameras;
-    let results = match args.intrinsics {
-        Intrinsics::Rig => Vec::new(),
-        Intrinsics::Fixed | Intrinsics::Free => calibrate_each(cameras, &args.solver)?,
-    };
-    let models = match (args.intrinsics, &args.rig) {
-        (Intrinsics::Rig, Some(path)) => models_of(path, cameras)?,
-        (Intrinsics::Rig, None) => return Err("--intrinsics rig needs the rig file: --rig".into()),
-        _ => results.iter().map(|(c, ..)| c.model).collect(),
-    };
+/// What a session for one thing would only give by a fault of its own.
+const OTHER_OUTCOME: &str = "the session gave the result of another task";
+
+fn solve_rig(args: &RigArgs, exactly: Option<(usize, &'static str)>) -> CommandResult {
     let free = if args.intrinsics == Intrinsics::Free { args.solver.free() } else { [false; 9] };
-    let rig = calibrate_rig(cameras, &models, &RigOptions { free, loss: args.solver.loss.0 })?;
-    let covered: Vec<f64> = cameras
-        .iter()
-        .map(|c| coverage(c.size, c.views.iter().flat_map(|v| v.image.iter().copied())))
-        .collect();
-    print_rig(&rig);
-    let plots = cameras.iter().enumerate().map(|(i, views)| {
+    let rig = RigOptions { free, loss: args.solver.loss.0 };
+    let solver = Solver { mono: args.solver.mono(), rig };
+    let edit = match (args.intrinsics, &args.rig) {
+        (Intrinsics::Rig, Some(path)) => Some((path, RigEdit::open(path)?)),
+        (Intrinsics::Rig, None) => return Err("--intrinsics rig needs the rig file: --rig".into()),
+        (Intrinsics::Fixed | Intrinsics::Free, _) => None,
+    };
+    let model = |name: &str| -> Result<Option<CameraModel>, Box<dyn Error>> {
+        let Some((path, edit)) = &edit else { return Ok(None) };
+        let model = edit.intrinsics(name).ok_or_else(|| {
+            format!(
+                "{} has no intrinsics of a camera {name:?}: run `netcord calib mono` first",
+                path.display()
+            )
+        })?;
+        Ok(Some(model))
+    };
+    let found = args.input.solve(Wanted { task: Task::Rig, exactly, solver, model: &model })?;
+    let Calibrated::Rig { solved, rig, .. } = found.outcome.as_ref() else {
+        return Err(OTHER_OUTCOME.into());
+    };
+    print_rig(rig);
+    let plots = found.cameras.iter().enumerate().map(|(i, views)| {
         let fits = rig.views.iter().filter(move |v| v.camera == i);
         plot_of(views, fits.map(|v| (v.view.as_str(), v.residuals.as_slice())), None)
     });
-    write(&Report::of_rig(kind, &rig, &covered), &args.solver, plots)?;
+    write(&found.outcome.report(), &args.solver, plots)?;
     if let Some(path) = &args.rig {
-        if !results.is_empty() {
-            save::intrinsics(path, &input.board, results.iter().map(|(c, ..)| c))?;
+        if !solved.is_empty() {
+            save::intrinsics(path, &found.board, solved.iter().map(|s| &s.calibration))?;
         }
-        save::rig(path, &input.board, &rig)?;
+        save::rig(path, &found.board, rig)?;
     }
     Ok(if rig.rejected.is_empty() { Outcome::Good } else { Outcome::Missed })
-}
-
-/// Intrinsics of the cameras as the rig file has them.
-fn models_of(path: &Path, cameras: &[CameraViews]) -> Result<Vec<CameraModel>, Box<dyn Error>> {
-    let edit = RigEdit::open(path)?;
-    cameras
-        .iter()
-        .map(|c| {
-            let model = edit.intrinsics(&c.name).ok_or_else(|| {
-                format!(
-                    "{} has no intrinsics of a camera {:?}: run `netcord calib mono` first",
-                    path.display(),
-                    c.name
-                )
-            })?;
-            if (model.width, model.height) != c.size {
-                return Err(format!(
-                    "camera {}: the pictures are {} × {} px, its intrinsics in {} are for {} × {}",
-                    c.name,
-                    c.size.0,
-                    c.size.1,
-                    path.display(),
-                    model.width,
-                    model.height
-                )
-                .into());
-            }
-            Ok(model)
-        })
-        .collect()
 }
 
 /// What a camera's plot shows; `fits` are the residuals of its views by name.
@@ -180,26 +148,7 @@ fn plot_of<'a>(
     CameraPlot { name: camera.name.clone(), size: camera.size, corners, views, uncertainty }
 }
 
-type Calibrated = (MonoCalibration, f64, Option<CrossValidation>);
-
-fn calibrate_each(cameras: &[CameraViews], solver: &SolverArgs) -> Result<Vec<Calibrated>, Box<dyn Error>> {
-    /// Parts of the cross-validation: a fifth of the views left out each time.
-    const FOLDS: usize = 5;
-    let options =
-        MonoOptions { free: solver.free(), tie_aspect: solver.tie_aspect, start: None, loss: solver.loss.0 };
-    cameras
-        .iter()
-        .map(|camera| {
-            let found = calibrate_mono(camera, &options)?;
-            let covered = coverage(camera.size, camera.views.iter().flat_map(|v| v.image.iter().copied()));
-            // With few views, those left without a part may not do; then there is no such figure.
-            let validation = cross_validate(camera, &options, &found, FOLDS).ok();
-            Ok((found, covered, validation))
-        })
-        .collect()
-}
-
-fn print_mono(c: &MonoCalibration, coverage: f64, validation: Option<&CrossValidation>) {
+fn print_mono(Solved { calibration: c, coverage, validation }: &Solved) {
     println!(
         "{}: RMS {:.6} px over {} views, noise {:.3} px per coordinate",
         c.name,

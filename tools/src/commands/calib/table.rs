@@ -1,22 +1,20 @@
 //! `netcord calib table`.
 
-use std::{error::Error, fs, path::PathBuf, str::FromStr};
+use std::{error::Error, fs, path::PathBuf, str::FromStr, sync::Arc};
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use netcord_calib::{
-    gather::GatherOptions,
+    detect::Detector,
+    session::{Mark, Outcome as Solved, Session, SessionCamera, Setup, TableKnown, TableOutcome, Task},
     table::{
-        BoardOnTable, Contact, TableCalibration, TableSighting, TableStart, TrackedPoint, calibrate_table,
-        find_bounces, mark,
+        BoardOnTable, Contact, Table, TableCalibration, TableCamera, TableStart, TrackedPoint, find_bounces,
+        mark,
     },
 };
-use netcord_common::{
-    geometry::Point,
-    rig::{CalibrationNote, RigEdit},
-};
+use netcord_common::geometry::{Point, Transform, World};
 use serde::Serialize;
 
-use super::{pictures, rigged::CalibratedRig, save};
+use super::{board, input::process, lines, pictures, rigged::CalibratedRig, save};
 use crate::exit::{CommandResult, Outcome};
 
 /// Finds the table's pose before the cameras of a calibrated rig, from marks on it, from a board that lies on it,
@@ -29,12 +27,17 @@ pub struct Args {
     /// Marks of the table in a camera's picture: CAMERA:MARK:U,V in raw pixels. MARK is a corner (x-y-, x+y-, x+y+,
     /// x-y+, by the signs of the table's x and y; the outer edge of the white line), the end of the middle line
     /// (x0y-, x0y+), where the net meets a side (x-y0, x+y0), the centre (x0y0), or any place X/Y or X/Y/Z in metres.
-    #[arg(long = "mark", value_name = "MARK", allow_hyphen_values = true)]
-    marks: Vec<MarkArg>,
+    #[arg(long = "mark", value_name = "MARK", allow_hyphen_values = true, value_parser = parse_mark)]
+    marks: Vec<Mark>,
 
     /// Marks from a CSV file with the header camera,mark,u,v.
     #[arg(long = "marks", value_name = "FILE.csv")]
     marks_file: Option<PathBuf>,
+
+    /// Find the table's lines in pictures: NAME=PATH of a picture, a folder, or a recording. They are looked for near
+    /// the table of the rig file, or where --mark has it; what --mark says then only serves that.
+    #[arg(long, value_name = "NAME=PATH")]
+    find: Vec<String>,
 
     /// A board that lies on the table, printed side up, as for `calib board`; then give its pictures as NAME=PATH.
     #[arg(long, requires = "images", requires = "board_at")]
@@ -67,38 +70,23 @@ pub struct Args {
     dry_run: bool,
 }
 
+fn new_mark(camera: &str, name: &str, u: &str, v: &str) -> Result<Mark, String> {
+    let number = |text: &str| -> Result<f64, String> {
+        let parsed = text.trim().parse().ok().filter(|v: &f64| v.is_finite());
+        parsed.ok_or_else(|| format!("{text:?} is no pixel coordinate"))
+    };
+    let name = name.trim();
+    mark(name)?;
+    Ok(Mark { camera: camera.trim().to_owned(), mark: name.to_owned(), at: [number(u)?, number(v)?] })
+}
+
 /// `CAMERA:MARK:U,V`.
-#[derive(Debug, Clone)]
-struct MarkArg {
-    camera: String,
-    mark: String,
-    on_table: Vector3<f64>,
-    pixel: Vector2<f64>,
-}
-
-impl MarkArg {
-    fn new(camera: &str, name: &str, u: &str, v: &str) -> Result<Self, String> {
-        let number = |text: &str| -> Result<f64, String> {
-            let parsed = text.trim().parse().ok().filter(|v: &f64| v.is_finite());
-            parsed.ok_or_else(|| format!("{text:?} is no pixel coordinate"))
-        };
-        let (camera, name) = (camera.trim().to_owned(), name.trim());
-        let pixel = Vector2::new(number(u)?, number(v)?);
-        Ok(Self { camera, mark: name.to_owned(), on_table: mark(name)?, pixel })
-    }
-}
-
-impl FromStr for MarkArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts: Vec<&str> = text.split(':').collect();
-        let wrong =
-            || format!("{text:?} is no mark; give it as CAMERA:MARK:U,V, such as left:x+y-:811.5,340");
-        let [camera, name, pixel] = parts[..] else { return Err(wrong()) };
-        let (u, v) = pixel.split_once(',').ok_or_else(wrong)?;
-        Self::new(camera, name, u, v)
-    }
+fn parse_mark(text: &str) -> Result<Mark, String> {
+    let parts: Vec<&str> = text.split(':').collect();
+    let wrong = || format!("{text:?} is no mark; give it as CAMERA:MARK:U,V, such as left:x+y-:811.5,340");
+    let [camera, name, pixel] = parts[..] else { return Err(wrong()) };
+    let (u, v) = pixel.split_once(',').ok_or_else(wrong)?;
+    new_mark(camera, name, u, v)
 }
 
 /// `X,Y,YAW[,HEIGHT]`.
@@ -156,70 +144,117 @@ struct ResidualReport {
     outlier: bool,
 }
 
-/// Runs `netcord calib table`.
+/// Runs `netcord calib table`: a session for the table, without a browser.
 pub fn run(args: &Args) -> CommandResult {
     let rig = CalibratedRig::load(&args.rig)?;
-    let (mut sightings, mut sources) = (Vec::new(), Vec::new());
+    let mut sources = Vec::new();
     let mut marks = args.marks.clone();
     if let Some(path) = &args.marks_file {
         marks.extend(read_marks(path)?);
     }
-    for m in &marks {
-        let camera = rig.place(&m.camera)?;
-        sightings.push(TableSighting { camera, mark: m.mark.clone(), on_table: m.on_table, pixel: m.pixel });
+    if !args.find.is_empty() {
+        marks = lines::find(&rig, &args.find, &rough(args, &rig, &marks)?)?;
     }
     if !marks.is_empty() {
         sources.push(format!("{} marks", marks.len()));
-    }
-    if let (Some(spec), Some(BoardAt(lies))) = (&args.board, &args.board_at) {
-        let found = of_board(&rig, spec, lies, &args.images)?;
-        sources.push(format!("{spec} on the table"));
-        sightings.extend(found);
     }
     let contacts = match &args.bounces {
         Some(path) => of_bounces(&rig, path)?,
         None => Vec::new(),
     };
+    let mut session = session_of(args, &rig, &contacts)?;
+    set_marks(&mut session, &rig, &marks)?;
+    if let Some(spec) = &args.board {
+        let (cameras, mut shots) = pictures::search(session.detector(), &args.images)?;
+        let places = cameras.iter().map(|c| rig.place(c)).collect::<Result<Vec<_>, _>>()?;
+        for shot in &mut shots {
+            let mut sights: Vec<_> = rig.cameras.iter().map(|_| None).collect();
+            for (place, sight) in places.iter().zip(shot.sights.drain(..)) {
+                sights[*place] = sight;
+            }
+            shot.sights = sights;
+        }
+        pictures::offer(&mut session, shots)?;
+        sources.push(format!("{spec} on the table"));
+    }
     if !contacts.is_empty() {
         sources.push(format!("{} bounces", contacts.len()));
     }
     if sources.is_empty() {
-        return Err("nothing to find the table by: give --mark, --marks, --board or --bounces".into());
+        return Err("nothing to find the table by: give --mark, --marks, --find, --board or --bounces".into());
     }
-    let start = rig.first_from_table.map(|first_from_table| TableStart { first_from_table, sigma: BELIEVED });
-    let found = calibrate_table(&rig.cameras, &sightings, &contacts, start.as_ref(), args.noise)?;
-    let report = report(&rig, &found);
-    print(&report, &found);
+    let outcome = process(&mut session)?;
+    let Solved::Table(found) = outcome.as_ref() else {
+        return Err(OTHER_OUTCOME.into());
+    };
+    let report = report(&rig, found);
+    print(&report, &found.table);
     if let Some(path) = &args.report {
         fs::write(path, serde_json::to_string_pretty(&report)?)
             .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
     }
+    let measured = &found.table.residuals;
     if !args.dry_run {
-        let note = CalibrationNote {
-            date: save::today(),
-            board: sources.join(", "),
-            frames: found.residuals.iter().filter(|r| !r.outlier).count() as u64,
-            rms_px: found.rms_px,
-        };
-        let pose = &found.first_from_table;
-        let mut edit = RigEdit::open(&args.rig)?;
-        edit.set_table(
-            pose.rotation.matrix(),
-            &pose.translation,
-            Some(&found.standard_deviations()),
-            Some(&note),
-        );
-        edit.save()?;
-        println!("written to {}; the old one is kept beside it as .bak", args.rig.display());
+        let count = measured.iter().filter(|r| !r.outlier).count();
+        save::table(&args.rig, &sources.join(", "), count, &found.table)?;
     }
-    Ok(if found.residuals.iter().any(|r| r.outlier && r.camera.is_some()) {
-        Outcome::Missed
-    } else {
-        Outcome::Good
-    })
+    Ok(if measured.iter().any(|r| r.outlier && r.camera.is_some()) { Outcome::Missed } else { Outcome::Good })
 }
 
-fn read_marks(path: &std::path::Path) -> Result<Vec<MarkArg>, Box<dyn Error>> {
+fn set_marks(session: &mut Session, rig: &CalibratedRig, marks: &[Mark]) -> Result<(), Box<dyn Error>> {
+    for m in marks {
+        rig.place(&m.camera)?;
+        session.set_mark(m.clone())?;
+    }
+    Ok(())
+}
+
+/// Where the table is about: by the marks that somebody pointed at, or as the rig file has it.
+fn rough(
+    args: &Args,
+    rig: &CalibratedRig,
+    marks: &[Mark],
+) -> Result<Transform<World, Table>, Box<dyn Error>> {
+    if marks.is_empty() {
+        return rig.first_from_table.ok_or_else(|| {
+            "--find needs to know about where the table is: the rig file has none; point at four of its corners with \
+             --mark"
+                .into()
+        });
+    }
+    let mut session = session_of(args, rig, &[])?;
+    set_marks(&mut session, rig, marks)?;
+    match process(&mut session)?.as_ref() {
+        Solved::Table(found) => Ok(found.table.first_from_table),
+        _ => Err(OTHER_OUTCOME.into()),
+    }
+}
+
+/// What a session for one thing would only give by a fault of its own.
+const OTHER_OUTCOME: &str = "the session gave the result of another task";
+
+/// A session for the table with the rig's cameras and all that is known already.
+fn session_of(args: &Args, rig: &CalibratedRig, contacts: &[Contact]) -> Result<Session, Box<dyn Error>> {
+    // Without a board there are no pictures, and nothing is searched for.
+    let spec = args.board.as_deref().unwrap_or("chessboard:3x3:1m");
+    let camera = |c: &TableCamera| SessionCamera {
+        name: c.name.clone(),
+        model: Some(c.model),
+        camera_from_first: Some(c.camera_from_first),
+    };
+    let mut setup = Setup::new(Task::Table, rig.cameras.iter().map(camera).collect());
+    // The board lies still: its views are alike, and all of them count.
+    setup.options.max_views = usize::MAX;
+    setup.on_table = args.board_at.map(|BoardAt(lies)| lies);
+    setup.table = TableKnown {
+        contacts: contacts.to_vec(),
+        start: rig.first_from_table.map(|first_from_table| TableStart { first_from_table, sigma: BELIEVED }),
+        noise_px: args.noise,
+    };
+    Ok(Session::new(setup, Arc::new(Detector::new(board::parse(spec)?))))
+}
+
+fn read_marks(path: &std::path::Path) -> Result<Vec<Mark>, Box<dyn Error>> {
     let failed = |line: u64, what: String| format!("{}, line {line}: {what}", path.display());
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
@@ -234,48 +269,10 @@ fn read_marks(path: &std::path::Path) -> Result<Vec<MarkArg>, Box<dyn Error>> {
         let record = record.map_err(|e| format!("{}: {e}", path.display()))?;
         let line = record.position().map_or(0, csv::Position::line);
         let field = |i: usize| record.get(i).unwrap_or_default();
-        let parsed = MarkArg::new(field(0), field(1), field(2), field(3)).map_err(|e| failed(line, e))?;
+        let parsed = new_mark(field(0), field(1), field(2), field(3)).map_err(|e| failed(line, e))?;
         marks.push(parsed);
     }
     Ok(marks)
-}
-
-fn of_board(
-    rig: &CalibratedRig,
-    spec: &str,
-    lies: &BoardOnTable,
-    images: &[String],
-) -> Result<Vec<TableSighting>, Box<dyn Error>> {
-    // The board lies still: its views are alike, and all of them count.
-    let all = GatherOptions {
-        max_iou: 1.0,
-        max_views: usize::MAX,
-        allow_unanchored: false,
-        ..GatherOptions::default()
-    };
-    let gathered = pictures::find(spec, images, &all)?;
-    let mut found = Vec::new();
-    for camera in &gathered {
-        let place = rig.place(&camera.name)?;
-        let model = &rig.cameras[place].model;
-        if camera.size != (model.width, model.height) {
-            return Err(format!(
-                "camera {}: the pictures are {} × {} px, the rig file says {} × {}",
-                camera.name, camera.size.0, camera.size.1, model.width, model.height
-            )
-            .into());
-        }
-        for view in &camera.views {
-            let corners = view.object.iter().zip(&view.image).enumerate();
-            found.extend(corners.map(|(i, (object, pixel))| TableSighting {
-                camera: place,
-                mark: format!("{}, corner {i}", view.name),
-                on_table: lies.place(object),
-                pixel: *pixel,
-            }));
-        }
-    }
-    Ok(found)
 }
 
 /// Bounces of the ball, in the first camera's frame.
@@ -314,7 +311,8 @@ fn of_bounces(rig: &CalibratedRig, path: &std::path::Path) -> Result<Vec<Contact
     Ok(contacts)
 }
 
-fn report(rig: &CalibratedRig, found: &TableCalibration) -> Report {
+fn report(rig: &CalibratedRig, outcome: &TableOutcome) -> Report {
+    let found = &outcome.table;
     let pose = &found.first_from_table;
     let mm = |v: Vector3<f64>| -> [f64; 3] { (v * 1e3).into() };
     let corner = Vector3::new(0.7625, 1.37, 0.0);
@@ -341,7 +339,7 @@ fn report(rig: &CalibratedRig, found: &TableCalibration) -> Report {
             .residuals
             .iter()
             .map(|r| ResidualReport {
-                camera: r.camera.map(|c| rig.cameras[c].name.clone()),
+                camera: r.camera.map(|c| outcome.cameras[c].name.clone()),
                 mark: r.mark.clone(),
                 residual_px: r.camera.map(|_| r.length),
                 residual_mm: r.camera.is_none().then_some(r.length * 1e3),
