@@ -7,7 +7,7 @@ use std::{fs, path::Path, process::Command, sync::Arc};
 
 use netcord_calib::{
     check::{Limits, check_boards},
-    detect::{Depth, Detector},
+    detect::{Absence, Depth, Detector},
     gather::{Rejection, read},
     session::{Outcome, Session, SessionCamera, Setup, Shot, Sight, Solver, Task},
     solve::{CameraViews, Loss, MonoOptions, RigOptions},
@@ -41,7 +41,10 @@ fn shots(detector: &Detector) -> Option<Vec<Shot>> {
     let stamps = stamps(&folder.join("timestamps.csv"));
     let sight = |camera: usize, instant: usize| -> Result<Sight, Rejection> {
         let luma = read(&pictures.path().join(format!("{camera}/{instant:04}.png")))?;
-        Ok(Sight::of(&luma, detector, Depth::Final, Some(stamps[instant][camera])))
+        let size = (luma.width() as u32, luma.height() as u32);
+        let nothing = || Absence::Nothing { wanted: BOARD.to_owned() };
+        let board = detector.find(&luma, Depth::Final).ok_or_else(nothing);
+        Ok(Sight { size, stamp_ns: Some(stamps[instant][camera]), board, blur_px: None })
     };
     let shot = |instant: usize| Shot {
         name: format!("{instant:03}"),

@@ -117,6 +117,20 @@ fn too_few_alike_and_unconnected_views_are_refused_with_advice() {
     let twice = gathered(folder.path(), "chessboard:9x6:25mm");
     assert!(matches!(reason(&twice, "left01-again"), Rejection::Alike { .. }), "{:?}", twice.rejected);
 
+    // Three views of four corners: 24 equations for 9 intrinsics and 18 of poses.
+    let mut poor = found.clone();
+    poor.views.truncate(3);
+    for view in &mut poor.views {
+        let corners = [0, 8, 45, 53];
+        view.object = corners.map(|k| view.object[k]).to_vec();
+        view.image = corners.map(|k| view.image[k]).to_vec();
+    }
+    let error = calibrate_mono(&poor, &MonoOptions::default()).expect_err("fewer equations than unknowns");
+    assert!(
+        matches!(error, CalibrationError::Underdetermined { equations: 24, unknowns: 27, .. }),
+        "{error}"
+    );
+
     let model = calibrate_mono(&found, &MonoOptions::default()).expect("calibrates").model;
     let mut other = found.clone();
     other.name = "other".to_owned();

@@ -1,9 +1,5 @@
 //! The table's lines found in rendered pictures, and the table's pose from them, against the truth.
 
-#[path = "support/render.rs"]
-#[allow(dead_code, reason = "only the lens is the boards'")]
-mod render;
-
 use nalgebra::{Rotation3, Vector2, Vector3};
 use netcord_calib::{
     detect::Luma,
@@ -13,13 +9,19 @@ use netcord_calib::{
     },
 };
 use netcord_common::{
-    camera::CameraModel,
+    camera::{CameraModel, Distortion},
     geometry::{Camera, Point, Transform},
 };
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
+
+/// A wide camera of 1280 × 800 px.
+fn lens() -> CameraModel {
+    let lens = Distortion::from_array([-0.097_151, 0.067_889, -0.000_716, 0.000_305, -0.003_636]);
+    CameraModel::new((1280, 800), (730.0, 730.0), (656.0, 402.0), lens).expect("valid")
+}
 
 /// Camera from table, by where the camera stands and what it looks at.
 fn looking(from: Vector3<f64>, to: Vector3<f64>) -> Transform<Camera, Table> {
@@ -58,10 +60,10 @@ fn picture(model: &CameraModel, pose: &Transform<Camera, Table>, arm: bool, nois
                     let (right, down) =
                         (ray(u as f64 + 1.0, v as f64) - middle, ray(u as f64, v as f64 + 1.0) - middle);
                     let mut sum = 0.0;
-                    // A blur of 1.2 px: samples spread as a triangle of 3 px.
-                    let spread = |k: i32| f64::from(k) * 0.3;
-                    let weight = |k: i32| 1.0 - f64::from(k.abs()) / 5.0;
-                    let (mut total, taps) = (0.0, -4..=4);
+                    // Samples spread as a triangle of 3 px: a blur of 0.6 px.
+                    let spread = |k: i32| f64::from(k) * 0.5;
+                    let weight = |k: i32| 1.0 - f64::from(k.abs()) / 3.0;
+                    let (mut total, taps) = (0.0, -2..=2);
                     for (i, j) in taps.clone().flat_map(|j| taps.clone().map(move |i| (i, j))) {
                         let n = middle + right * spread(i) + down * spread(j);
                         let way = table_from_camera.rotation * Vector3::new(n.x, n.y, 1.0);
@@ -93,7 +95,7 @@ fn off_px(found: &[FoundMark], model: &CameraModel, pose: &Transform<Camera, Tab
 
 #[test]
 fn crossings_are_found_to_a_fraction_of_a_pixel_and_give_the_pose() {
-    let model = render::lens();
+    let model = lens();
     let mut random = Pcg64Mcg::seed_from_u64(1);
     // From beside the table, from behind an end, and from a corner near the table.
     let stands = [
@@ -136,11 +138,11 @@ fn crossings_are_found_to_a_fraction_of_a_pixel_and_give_the_pose() {
 
 #[test]
 fn without_a_table_nothing_is_found() {
-    let model = render::lens();
+    let model = lens();
     let pose = looking(Vector3::new(2.6, 0.3, 1.6), Vector3::zeros());
     let mut random = Pcg64Mcg::seed_from_u64(7);
-    let data = (0..1920 * 1200).map(|_| random.random_range(80..120)).collect();
-    let noise = Luma::new(1920, 1200, data).expect("fits");
+    let data = (0..1280 * 800).map(|_| random.random_range(80..120)).collect();
+    let noise = Luma::new(1280, 800, data).expect("fits");
     assert_eq!(find_marks(&noise, &model, &pose), []);
     // A table that stands 30 cm from where it is looked for gives nothing that passes for it.
     let image = picture(&model, &pose, false, 1.5);

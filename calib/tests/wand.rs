@@ -61,6 +61,14 @@ fn three_cameras_agree_and_the_fourth_is_named_with_its_clocks_error() {
     let refined = calibrate_motion(&cameras, &refined).expect("calibrates");
     println!("intrinsics refined:");
     show(&refined);
+    // Most of what does not fit comes from lenses that are not quite as given: refined, three in a hundred are left.
+    let outliers = |found: &MotionCalibration| found.cameras.iter().map(|c| c.outliers).sum::<f64>() / 3.0;
+    assert!(
+        outliers(&found) < 0.2 && outliers(&refined) < 0.04,
+        "{} {}",
+        outliers(&found),
+        outliers(&refined)
+    );
     for found in [&found, &refined] {
         let names: Vec<&str> = found.inconsistent.iter().map(|i| i.name.as_str()).collect();
         assert_eq!(names, ["camera 0"]);
@@ -70,6 +78,7 @@ fn three_cameras_agree_and_the_fourth_is_named_with_its_clocks_error() {
         // Independently, by essential matrices of pairs of cameras alone: 7 to 9 ms.
         let delay = found.inconsistent[0].delay.expect("a clock's error explains it");
         assert!((delay.later_s + 0.008).abs() < 0.001, "{delay:?}");
-        assert!(delay.median_px <= 0.5, "{delay:?}");
+        // What is left is its lens, as with the others.
+        assert!(delay.median_px < 0.3 * found.inconsistent[0].median_px, "{delay:?}");
     }
 }

@@ -8,6 +8,7 @@ mod lattice;
 mod luma;
 mod markers;
 mod neighbours;
+mod normal;
 mod pattern_fit;
 mod quads;
 mod saddle;
@@ -18,6 +19,7 @@ pub(crate) use detector::convex_hull;
 pub use detector::{Absence, BoardView, Detector};
 pub use luma::Luma;
 pub use markers::Marker;
+pub(crate) use normal::normal_distribution;
 pub use saddle::{Saddle, SaddleFit};
 
 /// A calibration point of a board in a picture.

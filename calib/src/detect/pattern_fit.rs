@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
-use super::{luma::Luma, markers::Marker};
+use super::{luma::Luma, markers::Marker, normal::normal_distribution};
 use crate::{
     board::Dictionary,
     solve::{apply_homography, homography},
@@ -171,17 +171,6 @@ impl Shares {
     fn shares(&self) -> impl Iterator<Item = (isize, &[f64; 3])> {
         self.share[..self.count].iter().enumerate().map(|(k, s)| (self.first + k as isize, s))
     }
-}
-
-/// Φ(z) and φ(z): Abramowitz and Stegun 26.2.17, to 7.5e-8.
-fn normal_distribution(z: f64) -> (f64, f64) {
-    let density = 0.398_942_280_401_432_7 * (-0.5 * z * z).exp();
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782 + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let upper = density * poly;
-    (if z >= 0.0 { 1.0 - upper } else { upper }, density)
 }
 
 /// The plane of the marker as the first fit lays it into the picture; (u, v) run from 0 to 1 along its sides.

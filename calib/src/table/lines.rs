@@ -1,13 +1,13 @@
 //! The table's white lines in a camera's picture, found from a rough pose; and the marks where they cross.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use netcord_common::{
     camera::CameraModel,
     geometry::{Camera, Point, Transform},
 };
 
 use super::{TABLE_LENGTH_M, TABLE_WIDTH_M, Table};
-use crate::detect::Luma;
+use crate::detect::{Luma, normal_distribution};
 
 /// Width of the lines along the sides and ends, m (ITTF Laws 2.1.4).
 pub const BORDER_LINE_M: f64 = 0.02;
@@ -173,8 +173,12 @@ impl View<'_> {
             // The middle line is 3 mm wide: its blur decides how wide it looks.
             None => ridge_response(&profile, ((0.004 * px_per_m / STEP_PX).round() as usize).max(4)),
         };
-        let peaks = peaks(&response, self.least);
-        Some(peaks.into_iter().map(|i| here + normal * ((i - f64::from(steps)) * STEP_PX)).collect())
+        let width = BORDER_LINE_M * px_per_m / STEP_PX;
+        let peaks = peaks(&response, self.least).into_iter().map(|i| match line.rises {
+            Some(_) => line_edge(&profile, i, width).unwrap_or(i),
+            None => i,
+        });
+        Some(peaks.map(|i| here + normal * ((i - f64::from(steps)) * STEP_PX)).collect())
     }
 
     fn crossing(&self, a: &Fitted, b: &Fitted, on_table: Vector2<f64>) -> Option<FoundMark> {
@@ -239,6 +243,56 @@ fn peaks(response: &[f64], least: f64) -> Vec<f64> {
             if sum > 0.0 { moment / sum } else { i as f64 }
         })
         .collect()
+}
+
+/// Where a line of `width` places begins, whose inner edge was found near `start`: the least squares of
+/// L + A Φ((x − x₀) / σ) − B Φ((x − x₀ − width) / σ) by x₀, σ and the levels. Far away the line is narrower than its
+/// blur, and the far edge would move the maximum of the slope. `None` where the profile shows no such line.
+fn line_edge(profile: &[f64], start: f64, width: f64) -> Option<f64> {
+    /// Places beside the line that are looked at, and how far its edge may move.
+    const BESIDE: f64 = 6.0;
+    const MOVED: f64 = 3.0;
+    let first = (start - BESIDE).max(0.0).ceil() as usize;
+    let last = ((start + width + BESIDE) as usize).min(profile.len() - 1);
+    let (mut at, mut sigma) = (start, 2.0_f64);
+    let mut levels = [profile[first], 1.0, 1.0];
+    for round in 0..12 {
+        let mut normal = SMatrix::<f64, 5, 5>::zeros();
+        let mut rhs = SVector::<f64, 5>::zeros();
+        for (x, value) in profile.iter().enumerate().take(last + 1).skip(first) {
+            let z = [x as f64 - at, x as f64 - at - width].map(|d| d / sigma);
+            let [(rise, slope), (fall, descent)] = z.map(normal_distribution);
+            let [level, a, b] = levels;
+            let row = SVector::<f64, 5>::from([
+                1.0,
+                rise,
+                -fall,
+                (b * descent - a * slope) / sigma,
+                b * descent * z[1] - a * slope * z[0],
+            ]);
+            normal += row * row.transpose();
+            rhs += row * (value - (level + a * rise - b * fall));
+        }
+        for i in 0..5 {
+            normal[(i, i)] *= 1.0 + 1e-6;
+        }
+        // The levels first, then all; a line much narrower than its blur leaves that where it was.
+        normal[(4, 4)] += 100.0;
+        if round == 0 {
+            (normal[(3, 3)], normal[(4, 4)]) = (1e12, 1e12);
+        }
+        let step = normal.cholesky()?.solve(&rhs);
+        levels.iter_mut().zip(step.iter()).for_each(|(level, s)| *level += s);
+        at += step[3].clamp(-1.0, 1.0);
+        sigma *= step[4].clamp(-0.3, 0.3).exp();
+        if (at - start).abs() > MOVED || !(0.4..8.0).contains(&sigma) {
+            return None;
+        }
+        if round > 0 && step[3].abs() < 1e-3 {
+            return (levels[1] > 0.0).then_some(at);
+        }
+    }
+    None
 }
 
 /// The largest set of places on one line, at most one of each number: tried are the lines through pairs of places
