@@ -12,7 +12,7 @@ use crate::detect::{Luma, normal_distribution};
 /// Width of the lines along the sides and ends, m (ITTF Laws 2.1.4).
 pub const BORDER_LINE_M: f64 = 0.02;
 /// How far a line is looked for beside where the rough pose puts it, m on the table.
-const REACH_M: f64 = 0.06;
+const REACH_M: f64 = 0.10;
 /// Distance of the places along a line at which it is looked for, m.
 const PITCH_M: f64 = 0.015;
 /// The ends of a line that are left out, m: there others cross it.
@@ -68,7 +68,7 @@ fn lines() -> [Line; 5] {
 }
 
 /// Finds the inner corners of the border lines and the ends of the middle line in `image`, from a pose that puts
-/// the lines within a few centimetres of where they are. Each line is located at many places as an edge (or, the
+/// the lines within some eight centimetres of where they are. Each line is located at many places as an edge (or, the
 /// middle line, as a ridge), the line that most of them agree on is fitted in the undistorted picture, where it is
 /// straight; what crosses where follows from the lines as a whole, so that a player or the net may cover parts.
 /// Lines of which too little is seen give no marks.

@@ -40,7 +40,7 @@ pub fn find(
         }
     }
     if seen.is_empty() {
-        return Err("none of the table's lines was found within 6 cm of where the rough pose has them: \
+        return Err("none of the table's lines was found within 10 cm of where the rough pose has them: \
                     point at its corners with --mark, or look at the picture"
             .into());
     }
