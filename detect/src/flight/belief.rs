@@ -4,6 +4,9 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::physics::{STATE, State, StateMatrix};
 
+/// Position and velocity: what free flight changes of a state. The first of it.
+const MOVING: usize = 6;
+
 /// Normal distribution over the ball's state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Belief {
@@ -69,6 +72,20 @@ impl Belief {
         self.mean = mean;
         self.covariance = f * self.covariance * f.transpose();
         self.struck_cross *= f.transpose();
+    }
+
+    /// As [`Self::map`] for free flight, in which only position and velocity change: a third of the work.
+    pub(super) fn map_flight(&mut self, mean: State, f: &StateMatrix) {
+        self.mean = mean;
+        let moving = f.fixed_view::<MOVING, STATE>(0, 0).into_owned();
+        let moved = moving * self.covariance;
+        let cross = moved.fixed_view::<MOVING, { STATE - MOVING }>(0, MOVING).into_owned();
+        let p = &mut self.covariance;
+        p.fixed_view_mut::<MOVING, MOVING>(0, 0).copy_from(&(moved * moving.transpose()));
+        p.fixed_view_mut::<MOVING, { STATE - MOVING }>(0, MOVING).copy_from(&cross);
+        p.fixed_view_mut::<{ STATE - MOVING }, MOVING>(MOVING, 0).copy_from(&cross.transpose());
+        let struck = self.struck_cross * moving.transpose();
+        self.struck_cross.fixed_view_mut::<3, MOVING>(0, 0).copy_from(&struck);
     }
 
     /// How well a position with covariance `r` agrees; `None` where the covariances are degenerate.

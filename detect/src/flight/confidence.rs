@@ -1,95 +1,106 @@
 //! How sure a prediction is.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix2, Matrix3, Vector2};
 
-use super::forecast::{Crossing, chance_within};
+use super::forecast::Crossing;
 
 /// A prediction holds when the ball comes within this distance of it, m.
 pub const TOLERANCE_M: f64 = 0.04;
 
-// What the filter's covariance does not know, fitted by maximum likelihood to whether 20,700 predictions of
-// the hitting point of 275 recorded flights held (`netcord predict --evaluate`).
-
-/// The filter's standard deviations are so much too large: they carry slow errors of the positions too,
-/// which the truth of a recording shares.
-const SCALE: f64 = 0.64;
-/// Error of the model in free flight: metres after a second, and how it grows with time.
-const DRIFT_M: f64 = 0.069;
-const DRIFT_GROWTH: f64 = 1.97;
-/// Error of the model after a bounce that lies ahead, m for each second of the prediction.
-const AFTER_BOUNCE_M_S: f64 = 0.026;
-/// Share of flights that go wrong: a ball that the positions lost, an edge, a net, a hit not yet seen.
-const ASTRAY: f64 = 0.155;
-/// How much further off those are.
-const ASTRAY_SCALE: f64 = 5.9;
-/// What the unlikelier hypotheses say is often near to what the likeliest does.
-const WEIGHT_POWER: f64 = 0.575;
-
-/// What held of what was so sure by all this: flights differ more from each other than a normal distribution
-/// with tails says. Confidence as computed, and as given; straight lines between (isotonic calibration,
-/// Zadrozny & Elkan 2002, by hand).
-const HELD: [(f64, f64); 7] =
-    [(0.0, 0.0), (0.2, 0.25), (0.4, 0.46), (0.57, 0.55), (0.72, 0.63), (0.835, 0.83), (1.0, 1.0)];
-
-fn held(computed: f64) -> f64 {
-    let after = HELD.partition_point(|(x, _)| *x < computed).clamp(1, HELD.len() - 1);
-    let ((x0, y0), (x1, y1)) = (HELD[after - 1], HELD[after]);
-    (y0 + (y1 - y0) * (computed - x0) / (x1 - x0)).clamp(0.0, 1.0)
-}
-
-/// How far off a predicted place may be.
+/// Chance that a prediction holds, by the standard deviation σ (root of the covariance's trace) that the filter
+/// gives its place: 1 / (1 + (σ / σ₀)^k), a logistic curve over ln σ.
+///
+/// It falls with σ and has two numbers only. A normal distribution with what the filter leaves out added (seven
+/// numbers, and five more for what held of it) foretold whether flights hold less well where they had not been
+/// fitted: flights differ more from each other than its tails allow.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Doubt {
-    /// Covariance of the place, m², with what the filter does not know of.
-    pub covariance: Matrix3<f64>,
+pub struct Curve {
+    /// σ₀, where every other prediction holds, m.
+    pub even_m: f64,
+    /// k.
+    pub power: f64,
 }
 
-impl Doubt {
-    /// Of a place that the filter gives the covariance `covariance`, `after_s` ahead; `bounces`: whether a
-    /// bounce lies between.
-    pub fn of_place(covariance: &Matrix3<f64>, after_s: f64, bounces: bool) -> Self {
-        Self::new(covariance, &Matrix3::identity(), after_s, bounces)
+/// Fitted to the hitting points of 275 recorded flights; `netcord predict --evaluate` fits it anew to four fifths
+/// of the recordings that it is given, in turn, and shows what held of the rest.
+pub const CURVE: Curve = Curve { even_m: 0.068, power: 1.57 };
+
+impl Curve {
+    /// Chance that a prediction of standard deviation `sigma_m` holds.
+    pub fn chance(&self, sigma_m: f64) -> f64 {
+        if sigma_m > 0.0 { 1.0 / (1.0 + (sigma_m / self.even_m).powf(self.power)) } else { 1.0 }
     }
 
-    /// Of where a plane is crossed.
-    pub fn of_crossing(crossing: &Crossing) -> Self {
-        let mut within = Matrix3::identity();
-        within[(crossing.axis, crossing.axis)] = 0.0;
-        Self::new(&crossing.covariance, &within, crossing.after_s, crossing.after_bounce)
+    /// The likeliest curve for predictions of these standard deviations (m), of which it is known whether they
+    /// held: Newton's method on a convex function. `None` where they do not say, as when all held.
+    pub fn fit(seen: impl Iterator<Item = (f64, bool)> + Clone) -> Option<Self> {
+        let mut b = Vector2::new(-4.0, -1.5);
+        for _ in 0..50 {
+            let (mut gradient, mut hessian) = (Vector2::zeros(), Matrix2::identity() * 1e-6);
+            for (sigma_m, held) in seen.clone().filter(|(s, _)| s.is_finite() && *s > 0.0) {
+                let x = Vector2::new(1.0, sigma_m.ln());
+                let p = 1.0 / (1.0 + (-b.dot(&x)).exp());
+                gradient += x * (f64::from(u8::from(held)) - p);
+                hessian += x * x.transpose() * (p * (1.0 - p));
+            }
+            let step = hessian.cholesky()?.solve(&gradient);
+            // Far from the solution a whole step may leap over it.
+            b += step * (1.0 / step.norm()).min(1.0);
+            if step.norm() < 1e-9 {
+                let curve = Self { even_m: (-b.x / b.y).exp(), power: -b.y };
+                return (curve.power > 0.0 && curve.even_m.is_finite()).then_some(curve);
+            }
+        }
+        None
     }
+}
 
-    fn new(covariance: &Matrix3<f64>, directions: &Matrix3<f64>, after_s: f64, bounces: bool) -> Self {
-        let drift = DRIFT_M * after_s.max(0.0).powf(DRIFT_GROWTH);
-        let bounce = if bounces { AFTER_BOUNCE_M_S * after_s } else { 0.0 };
-        let unknown = drift * drift + bounce * bounce;
-        Self { covariance: covariance * (SCALE * SCALE) + directions * unknown }
-    }
+/// Standard deviation of a place, m: of its distance from the mean.
+pub fn sigma_m(covariance: &Matrix3<f64>) -> f64 {
+    covariance.trace().max(0.0).sqrt()
+}
 
-    /// Chance that the ball comes within [`TOLERANCE_M`] of the place, which the likeliest hypothesis, of
-    /// weight `weight`, predicts.
-    pub fn confidence(&self, weight: f64) -> f64 {
-        let near = chance_within(TOLERANCE_M, &self.covariance);
-        let astray = chance_within(TOLERANCE_M, &(self.covariance * (ASTRAY_SCALE * ASTRAY_SCALE)));
-        held(weight.powf(WEIGHT_POWER) * ((1.0 - ASTRAY) * near + ASTRAY * astray))
-    }
+/// Chance that the ball comes within [`TOLERANCE_M`] of a place of this covariance (m²), which the likeliest
+/// hypothesis, of weight `weight`, predicts.
+pub fn of_place(covariance: &Matrix3<f64>, weight: f64) -> f64 {
+    weight * CURVE.chance(sigma_m(covariance))
+}
+
+/// The same of where a plane is crossed.
+pub fn of_crossing(crossing: &Crossing, weight: f64) -> f64 {
+    of_place(&crossing.covariance, weight)
 }
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     #[test]
-    fn confidence_falls_with_the_horizon_the_scatter_and_the_weight() {
+    fn confidence_falls_with_the_scatter_and_the_weight() {
         let scatter = |sigma: f64| Matrix3::identity() * (sigma * sigma);
-        let sure = Doubt::of_place(&scatter(0.002), 0.05, false).confidence(1.0);
+        let sure = of_place(&scatter(0.002), 1.0);
         assert!(sure > 0.97, "{sure}");
-        for doubted in [
-            Doubt::of_place(&scatter(0.002), 0.5, false).confidence(1.0),
-            Doubt::of_place(&scatter(0.002), 0.4, true).confidence(1.0),
-            Doubt::of_place(&scatter(0.03), 0.05, false).confidence(1.0),
-            Doubt::of_place(&scatter(0.002), 0.05, false).confidence(0.7),
-        ] {
+        for doubted in [of_place(&scatter(0.03), 1.0), of_place(&scatter(0.002), 0.7)] {
             assert!((0.0..sure).contains(&doubted), "{doubted} {sure}");
         }
+    }
+
+    #[test]
+    fn the_curve_that_predictions_were_drawn_from_is_found() {
+        let truth = Curve { even_m: 0.05, power: 2.2 };
+        let mut rng = Pcg64::seed_from_u64(3);
+        let seen: Vec<(f64, bool)> = (0..20_000)
+            .map(|_| {
+                let sigma_m = 0.003 * 60_f64.powf(rng.random::<f64>());
+                (sigma_m, rng.random::<f64>() < truth.chance(sigma_m))
+            })
+            .collect();
+        let found = Curve::fit(seen.iter().copied()).expect("both outcomes occur");
+        assert!((found.even_m / truth.even_m - 1.0).abs() < 0.05, "{found:?}");
+        assert!((found.power / truth.power - 1.0).abs() < 0.05, "{found:?}");
+        assert_eq!(Curve::fit(seen.iter().map(|(s, _)| (*s, true))), None, "all held");
     }
 }

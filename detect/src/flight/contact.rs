@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 use netcord_common::rig::FlightConstants;
 
-use super::physics::{RESTITUTION, State, StateMatrix};
+use super::physics::{FRICTION, RESTITUTION, State, StateMatrix};
 
 /// Half the width of the table, m (ITTF 2.1: 1.525 m).
 pub const TABLE_HALF_WIDTH_M: f64 = 0.7625;
@@ -82,14 +82,15 @@ impl Surface {
         let (e, e_by_n) = self.restitution_at(n, state[RESTITUTION]);
         let slip = Vector2::new(state[3] - r * state[7], state[4] + r * state[6]);
         let slip_speed = slip.norm();
-        let limit = self.friction * (1.0 + e) * n;
+        let friction = self.friction * state[FRICTION].exp();
+        let limit = friction * (1.0 + e) * n;
 
         // Change of the tangential velocity is −turned.
         let (turned, by_slip, by_n) = if ROLLING_SHARE * slip_speed <= limit {
             (ROLLING_SHARE * slip, Matrix2::identity() * ROLLING_SHARE, Vector2::zeros())
         } else {
             let along = slip / slip_speed;
-            let limit_by_n = self.friction * (1.0 + e + n * e_by_n);
+            let limit_by_n = friction * (1.0 + e + n * e_by_n);
             (
                 limit * along,
                 (Matrix2::identity() - along * along.transpose()) * (limit / slip_speed),
@@ -121,12 +122,14 @@ impl Surface {
         d[(5, 5)] = -(e + n * e_by_n);
         d[(5, RESTITUTION)] = n;
         // The friction's limit grows with the impulse.
-        let by_e =
-            if by_n == Vector2::zeros() { Vector2::zeros() } else { slip / slip_speed * (self.friction * n) };
-        d[(3, RESTITUTION)] = -by_e.x;
-        d[(4, RESTITUTION)] = -by_e.y;
-        d[(6, RESTITUTION)] = -lever * by_e.y;
-        d[(7, RESTITUTION)] = lever * by_e.x;
+        let slides = ROLLING_SHARE * slip_speed > limit;
+        let along = if slides { slip / slip_speed } else { Vector2::zeros() };
+        for (place, turned_by) in [(RESTITUTION, along * (friction * n)), (FRICTION, along * limit)] {
+            d[(3, place)] = -turned_by.x;
+            d[(4, place)] = -turned_by.y;
+            d[(6, place)] = -lever * turned_by.y;
+            d[(7, place)] = lever * turned_by.x;
+        }
         for c in 3..8 {
             let t = column(c);
             d[(3, c)] -= t.x;
@@ -135,6 +138,27 @@ impl Surface {
             d[(7, c)] += lever * t.x;
         }
         (after, d)
+    }
+
+    /// By how much friction is stronger than what rolling takes, m/s, and its derivative by the state: above
+    /// zero the ball rolls when it leaves, below it still slides.
+    pub fn grip(&self, state: &State) -> (f64, State) {
+        let r = self.radius_m;
+        let n = (-state[5]).max(0.0);
+        let (e, e_by_n) = self.restitution_at(n, state[RESTITUTION]);
+        let slip = Vector2::new(state[3] - r * state[7], state[4] + r * state[6]);
+        let along = slip / slip.norm().max(1e-9);
+        let friction = self.friction * state[FRICTION].exp();
+        let limit = friction * (1.0 + e) * n;
+        let mut by = State::zeros();
+        by[3] = -ROLLING_SHARE * along.x;
+        by[4] = -ROLLING_SHARE * along.y;
+        by[5] = -friction * (1.0 + e + n * e_by_n);
+        by[6] = -ROLLING_SHARE * r * along.y;
+        by[7] = ROLLING_SHARE * r * along.x;
+        by[RESTITUTION] = friction * n;
+        by[FRICTION] = limit;
+        (limit - ROLLING_SHARE * slip.norm(), by)
     }
 
     /// Covariance that a bounce adds, from its states before and after.

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use netcord_common::rig::{Ball, FlightConstants};
 
 use super::{
+    bank::erf,
     belief::Belief,
     contact::{
         BounceScatter, NET_HALF_WIDTH_M, NET_HEIGHT_M, Surface, TABLE_HALF_LENGTH_M, TABLE_HALF_WIDTH_M,
@@ -55,6 +56,15 @@ pub struct ModelNoise {
     pub bounce: BounceScatter,
 }
 
+/// How a ball leaves the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Leaving {
+    /// Friction has stopped the slip.
+    Rolling,
+    /// It has not.
+    Sliding,
+}
+
 /// What was touched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Touched {
@@ -101,6 +111,8 @@ pub struct Flow {
     pub noise: ModelNoise,
     /// Radius of the ball, m.
     pub radius_m: f64,
+    /// How balls leave the table, where that is given.
+    pub leaving: Option<Leaving>,
 }
 
 impl Flow {
@@ -119,6 +131,7 @@ impl Flow {
             floor_surface: Surface::floor(radius_m),
             noise,
             radius_m,
+            leaving: None,
         }
     }
 
@@ -156,7 +169,7 @@ impl Flow {
         }
         let next = self.forces.step(&belief.mean, h);
         let f = self.forces.transition(&(0.5 * (belief.mean + next)), h);
-        belief.map(next, &f);
+        belief.map_flight(next, &f);
         let (q, h) = (self.noise.acceleration, h.abs());
         for axis in 0..3 {
             belief.covariance[(axis, axis)] += q * h * h * h / 3.0;
@@ -235,6 +248,9 @@ impl Flow {
     /// later are carried along by the saltation matrix S = D + (f⁺ − D f⁻) nᵀ / (nᵀ f⁻) (Kong et al. 2024,
     /// "Saltation matrices: the essential tool for linearizing hybrid dynamical systems").
     fn touch(&self, belief: &mut Belief, touched: Touched, exempt: &mut Exempt) {
+        if let (Touched::Table, Some(leaving)) = (touched, self.leaving) {
+            self.cut(belief, leaving);
+        }
         let before = belief.mean;
         let (after, d, q, axis) = match touched {
             Touched::Table | Touched::Floor => {
@@ -273,6 +289,32 @@ impl Flow {
         belief.covariance += q;
     }
 
+    /// Chance that a ball believed to be as `before` just before a bounce leaves it rolling.
+    pub fn chance_of_rolling(&self, before: &Belief) -> f64 {
+        let (grip, by) = self.table_surface.grip(&before.mean);
+        let sigma = by.dot(&(before.covariance * by)).max(1e-12).sqrt();
+        normal_cdf(grip / sigma)
+    }
+
+    /// What is left of a belief just before a bounce when it is known how the ball will leave: the moments of
+    /// the normal distribution cut at the plane where friction just stops the slip.
+    fn cut(&self, belief: &mut Belief, leaving: Leaving) {
+        let (grip, by) = self.table_surface.grip(&belief.mean);
+        let sign = if leaving == Leaving::Rolling { 1.0 } else { -1.0 };
+        let lever = belief.covariance * by;
+        let sigma = by.dot(&lever).max(1e-12).sqrt();
+        let z = sign * grip / sigma;
+        let density = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+        let hazard = density / normal_cdf(z).max(1e-6);
+        let reduced = hazard * (hazard + z);
+        let struck = belief.struck_cross * by;
+        belief.mean += lever * (sign * hazard / sigma);
+        belief.struck_spin += struck * (sign * hazard / sigma);
+        let share = reduced.clamp(0.0, 0.99) / (sigma * sigma);
+        belief.covariance -= lever * lever.transpose() * share;
+        belief.struck_cross -= struck * lever.transpose() * share;
+    }
+
     /// A ball that has stopped bouncing rolls: it stays on the table.
     fn keep_on_table(&self, belief: &mut Belief, exempt: &Exempt) {
         let Some(table) = self.table else { return };
@@ -289,4 +331,9 @@ impl Flow {
             m[5] = m[5].max(0.0);
         }
     }
+}
+
+/// The distribution function of the standard normal distribution.
+fn normal_cdf(z: f64) -> f64 {
+    0.5 * (1.0 + erf(z * std::f64::consts::FRAC_1_SQRT_2))
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use netcord_common::rig::{Ball, FlightConstants};
 
 /// How many numbers make a [`State`].
-pub const STATE: usize = 13;
+pub const STATE: usize = 14;
 /// Place of the logarithm of this ball's drag over the rig file's.
 pub const DRAG: usize = 9;
 /// Place of this table's normal restitution less the rig file's.
@@ -12,10 +12,12 @@ pub const RESTITUTION: usize = 10;
 /// Place of the two horizontal accelerations of the frame, m/s²: a table's normal is not quite plumb, and
 /// air moves.
 pub const SLANT: usize = 11;
+/// Place of the logarithm of this table's friction over the rig file's.
+pub const FRICTION: usize = 13;
 
 /// Position (m), velocity (m/s) and spin (rad/s) of the ball, and properties of ball and table that differ
-/// from the rig file's by a little and are learned from flight to flight: [`DRAG`], [`RESTITUTION`] and
-/// [`SLANT`].
+/// from the rig file's by a little and are learned from flight to flight: [`DRAG`], [`RESTITUTION`],
+/// [`SLANT`] and [`FRICTION`].
 pub type State = SVector<f64, STATE>;
 /// Covariance of a [`State`], and derivatives of one by another.
 pub type StateMatrix = SMatrix<f64, STATE, STATE>;

@@ -10,7 +10,7 @@ use netcord_common::{
 use super::{
     bank::Bank,
     belief::Belief,
-    confidence::Doubt,
+    confidence,
     flow::{Flow, Table},
     forecast::{Ahead, Crossing, Descent, PATH_STEP_S, look_ahead},
     settings::Tuning,
@@ -150,13 +150,12 @@ impl Predictor {
         }
         let flow = self.tracker.flow();
         let (path, mut filled) = (&mut out.path, 0);
-        let ahead =
-            look_ahead(flow, &best.belief, best.exempt, HORIZON_S, self.plane_y_m, |k, belief, bounced| {
-                if k <= MAX_PATH {
-                    path[k - 1] = path_point(belief, best.weight, k, bounced, t_ns);
-                    filled = k;
-                }
-            });
+        let ahead = look_ahead(flow, &best.belief, best.exempt, HORIZON_S, self.plane_y_m, |k, belief| {
+            if k <= MAX_PATH {
+                path[k - 1] = path_point(belief, best.weight, k, t_ns);
+                filled = k;
+            }
+        });
         out.path_len = filled as u32;
         describe_ahead(out, &ahead, best.weight, t_ns);
     }
@@ -175,26 +174,25 @@ fn triangle(m: &Matrix3<f64>) -> [f64; 6] {
     [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]
 }
 
-fn path_point(belief: &Belief, weight: f64, k: usize, bounced: bool, t_ns: u64) -> PathPoint {
-    let doubt = Doubt::of_place(&belief.position_covariance(), k as f64 * PATH_STEP_S, bounced);
+fn path_point(belief: &Belief, weight: f64, k: usize, t_ns: u64) -> PathPoint {
+    let covariance = belief.position_covariance();
     PathPoint {
         t_ns: t_ns + step_ns(k),
         position_m: belief.position().into(),
-        covariance_m2: triangle(&doubt.covariance),
-        confidence: doubt.confidence(weight),
+        covariance_m2: triangle(&covariance),
+        confidence: confidence::of_place(&covariance, weight),
     }
 }
 
 fn describe_ahead(out: &mut BallTrajectory, ahead: &Ahead, weight: f64, t_ns: u64) {
     if let Some(c) = &ahead.crossing {
-        let doubt = Doubt::of_crossing(c);
         out.crossing = PlaneCrossing {
             t_ns: after(t_ns, c.after_s),
             position_m: c.belief.position().into(),
             velocity_m_s: c.belief.velocity().into(),
-            covariance_m2: triangle(&doubt.covariance),
+            covariance_m2: triangle(&c.covariance),
             sigma_t_s: c.sigma_t_s,
-            confidence: doubt.confidence(weight),
+            confidence: confidence::of_crossing(c, weight),
         };
     }
     if let Some((descent, c)) = &ahead.landing {
@@ -204,7 +202,7 @@ fn describe_ahead(out: &mut BallTrajectory, ahead: &Ahead, weight: f64, t_ns: u6
 
 fn landing(descent: Descent, c: &Crossing, t_ns: u64) -> Landing {
     let p = c.belief.position();
-    let covariance = Doubt::of_crossing(c).covariance;
+    let covariance = &c.covariance;
     let kind = match descent {
         Descent::Table if p.y < 0.0 => LandingKind::NearSide,
         Descent::Table => LandingKind::FarSide,

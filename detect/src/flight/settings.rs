@@ -21,7 +21,13 @@ impl Default for Tuning {
                 spin: 38.0,
                 bounce: BounceScatter { normal: 0.0125, tangential: 0.1, tangential_floor_m_s: 0.021 },
             },
-            latitude: Latitude { drag: 0.13, restitution: 0.026, slant_m_s2: 0.2, forgetting: 0.14 },
+            latitude: Latitude {
+                drag: 0.13,
+                restitution: 0.026,
+                slant_m_s2: 0.2,
+                friction: 0.25,
+                forgetting: 0.14,
+            },
         }
     }
 }

@@ -8,7 +8,7 @@ use super::{
     bank::{Bank, Hypothesis},
     belief::Belief,
     flow::{Exempt, Flow},
-    physics::{DRAG, RESTITUTION, SLANT, STATE, StateMatrix, join},
+    physics::{DRAG, FRICTION, RESTITUTION, SLANT, STATE, StateMatrix, join},
     prior,
 };
 
@@ -71,11 +71,15 @@ const RECONCILE_M_S: f64 = 0.5;
 /// A flight seen for less time teaches nothing of ball and table, ns.
 const INSTRUCTIVE_NS: u64 = 150_000_000;
 
+/// One flight changes what is believed of ball and table by this share of its latitude at most: a hit that was
+/// taken for a bounce must not spoil the flights to come.
+const MOST_LESSON: f64 = 0.5;
+
 /// How many numbers of a state are peculiar to ball, table and frame: the last of it.
 const PECULIAR: usize = STATE - DRAG;
 
-/// What is peculiar to this ball, table and frame ([`DRAG`], [`RESTITUTION`], [`SLANT`]), learned flight by
-/// flight: mean and variance of each.
+/// What is peculiar to this ball, table and frame ([`DRAG`], [`RESTITUTION`], [`SLANT`], [`FRICTION`]), learned
+/// flight by flight: mean and variance of each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Habits([(f64, f64); PECULIAR]);
 
@@ -96,6 +100,8 @@ pub struct Latitude {
     pub restitution: f64,
     /// Of each horizontal acceleration, m/s².
     pub slant_m_s2: f64,
+    /// Of the logarithm of the table's friction.
+    pub friction: f64,
     /// Share of the above by which it may change from flight to flight.
     pub forgetting: f64,
 }
@@ -103,8 +109,9 @@ pub struct Latitude {
 impl Latitude {
     /// In the order of a state.
     fn sigmas(&self) -> [f64; PECULIAR] {
-        const { assert!(RESTITUTION == DRAG + 1 && SLANT == DRAG + 2 && STATE == SLANT + 2) };
-        [self.drag, self.restitution, self.slant_m_s2, self.slant_m_s2]
+        const { assert!(RESTITUTION == DRAG + 1 && SLANT == DRAG + 2) };
+        const { assert!(FRICTION == SLANT + 2 && STATE == FRICTION + 1) };
+        [self.drag, self.restitution, self.slant_m_s2, self.slant_m_s2, self.friction]
     }
 }
 
@@ -257,15 +264,18 @@ impl Tracker {
 
     /// The flight is over: what it taught of ball and table is kept.
     fn end(&mut self) {
-        if let Some(best) = self.bank.best()
+        if let Some(best) = self.bank.consensus()
             && self.t_ns - self.began_ns >= INSTRUCTIVE_NS
         {
             let sigmas = self.latitude.sigmas();
+            let known = self.habits.0;
             self.habits = Habits(std::array::from_fn(|i| {
-                let place = DRAG + i;
+                let (place, (before, _)) = (DRAG + i, known[i]);
+                let most = MOST_LESSON * sigmas[i];
+                let mean = before + (best.belief.mean[place] - before).clamp(-most, most);
                 let forgotten = (self.latitude.forgetting * sigmas[i]).powi(2);
                 let variance = best.belief.covariance[(place, place)] + forgotten;
-                (best.belief.mean[place], variance.min(sigmas[i] * sigmas[i]))
+                (mean, variance.min(sigmas[i] * sigmas[i]))
             }));
         }
         self.bank.clear();

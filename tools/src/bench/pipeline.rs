@@ -23,7 +23,7 @@ const RUNG_S: f64 = 10.0;
 /// Frames rendered beforehand for each camera.
 const POOL: usize = 200;
 /// Pairs of runs with and without recording.
-const PAIRS: usize = 5;
+pub(super) const PAIRS: usize = 5;
 /// How long any recovery may take before it counts as none.
 const RECOVERY_PATIENCE: Duration = Duration::from_secs(30);
 
@@ -88,13 +88,13 @@ pub struct RecordEffect {
     /// Frames and messages that are missing in the recordings.
     pub not_recorded: u64,
     /// The pairs, in the order in which they ran.
-    pub pairs: Vec<RecordPair>,
+    pub pairs: Vec<RunPair>,
 }
 
 /// One pair of runs: quantiles of frame → position, ms.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct RecordPair {
-    /// Without recording.
+pub struct RunPair {
+    /// Without what is measured.
     pub without: RunTimes,
     /// With.
     pub with: RunTimes,
@@ -114,17 +114,11 @@ pub struct RunTimes {
 }
 
 impl RecordEffect {
-    fn of(pairs: Vec<RecordPair>) -> Self {
-        let growth = |of: fn(&RunTimes) -> f64| {
-            let over = |run: fn(&RecordPair) -> &RunTimes| {
-                median(&pairs.iter().map(|pair| of(run(pair))).collect::<Vec<_>>())
-            };
-            Some(over(|pair| &pair.with)? / over(|pair| &pair.without)? - 1.0)
-        };
-        let sum = |of: fn(&RecordPair) -> u64| pairs.iter().map(of).sum();
+    fn of(pairs: Vec<RunPair>) -> Self {
+        let sum = |of: fn(&RunPair) -> u64| pairs.iter().map(of).sum();
         Self {
-            p50_growth: growth(|run| run.p50),
-            p99_growth: growth(|run| run.p99),
+            p50_growth: growth(&pairs, |run| run.p50),
+            p99_growth: growth(&pairs, |run| run.p99),
             lost: sum(|pair| pair.with.lost),
             lost_without: sum(|pair| pair.without.lost),
             not_recorded: sum(|pair| pair.with.not_recorded),
@@ -143,7 +137,7 @@ pub fn measure_record_effect(
     stop: &Shutdown,
     say: &mut dyn FnMut(String),
 ) -> Result<RecordEffect, Box<dyn Error>> {
-    let run = |record: bool| -> Result<RunTimes, Box<dyn Error>> {
+    let mut run = |record: bool| -> Result<RunTimes, Box<dyn Error>> {
         let file = folder.join(format!("netcord-bench-{}.mcap", std::process::id()));
         let setup = Setup { seconds: 10.0, record: record.then(|| file.clone()), ..Setup::default() };
         let trial = trial::run(&setup, stop, &mut LiveLines::new(true));
@@ -157,9 +151,25 @@ pub fn measure_record_effect(
         let q = report.latency_ms.frame_to_position.ok_or("a run without a position")?;
         Ok(RunTimes { lost: report.frames.lost, not_recorded, p50: q.p50, p99: q.p99 })
     };
+    let pairs = interleaved(&mut run, &mut |n| say(format!("effect of recording: pair {n} of {PAIRS}")))?;
+    Ok(RecordEffect::of(pairs))
+}
+
+/// Growth of the median over the runs, as a fraction.
+pub(super) fn growth(pairs: &[RunPair], of: fn(&RunTimes) -> f64) -> Option<f64> {
+    let over =
+        |run: fn(&RunPair) -> &RunTimes| median(&pairs.iter().map(|pair| of(run(pair))).collect::<Vec<_>>());
+    Some(over(|pair| &pair.with)? / over(|pair| &pair.without)? - 1.0)
+}
+
+/// Pairs of runs, without and with what `run` is told to do; `say` is told each pair's number.
+pub(super) fn interleaved(
+    run: &mut dyn FnMut(bool) -> Result<RunTimes, Box<dyn Error>>,
+    say: &mut dyn FnMut(usize),
+) -> Result<Vec<RunPair>, Box<dyn Error>> {
     let mut pairs = Vec::new();
     for n in 1..=PAIRS {
-        say(format!("effect of recording: pair {n} of {PAIRS}"));
+        say(n);
         // The order changes from pair to pair, so that a drift of the machine favours neither.
         let (without, with) = if n % 2 == 1 {
             let without = run(false)?;
@@ -168,9 +178,9 @@ pub fn measure_record_effect(
             let with = run(true)?;
             (run(false)?, with)
         };
-        pairs.push(RecordPair { without, with });
+        pairs.push(RunPair { without, with });
     }
-    Ok(RecordEffect::of(pairs))
+    Ok(pairs)
 }
 
 /// How long the rig was without results after each process was killed.
@@ -249,7 +259,7 @@ mod tests {
     #[test]
     fn the_effect_of_recording_is_that_on_the_medians_whatever_one_bad_run_says() {
         let run = |p50: f64, p99: f64, lost: u64| RunTimes { lost, not_recorded: lost * 2, p50, p99 };
-        let pair = |without: f64, with: f64| RecordPair {
+        let pair = |without: f64, with: f64| RunPair {
             without: run(without, 2.0 * without, 0),
             with: run(with, 4.0 * without, 1),
         };

@@ -9,8 +9,8 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     bench::{
-        FrameRing, measure_kernels, measure_ladder, measure_record_effect, measure_recovery,
-        measure_transport, measure_triangulation, serve_reader,
+        FrameRing, measure_kernels, measure_ladder, measure_prediction, measure_record_effect,
+        measure_recovery, measure_transport, measure_triangulation, measure_view_effect, serve_reader,
     },
     exit::{CommandResult, Outcome},
     terminal::LiveLines,
@@ -47,12 +47,16 @@ enum Part {
     Kernels,
     /// triangulate_us.{2,8}
     Triangulate,
+    /// predict_us.{p50,p99}: from a position to its trajectory and the next search windows
+    Predict,
     /// transport_us.{100k,1m,4m,16m}
     Transport,
     /// max_rate_hz: the highest rate of a ladder with no loss in 10 s, frames rendered beforehand
     MaxRate,
     /// record_effect: five interleaved pairs of runs with and without recording
     RecordEffect,
+    /// view_effect: five interleaved pairs of runs with and without `netcord view` and a viewer of all topics
+    ViewEffect,
     /// recovery: from kill -9 of a process until positions flow again
     Recovery,
 }
@@ -123,6 +127,14 @@ fn measure(
         Part::MaxRate => {
             let ladder = measure_ladder(stop, &mut |text| progress.say(text))?;
             vec![("max_rate_hz", json!(ladder.max_rate_hz)), ("max_rate_ladder", json!(ladder.rungs))]
+        }
+        Part::Predict => {
+            progress.say("prediction".into());
+            vec![("predict_us", json!(measure_prediction(&example_rig(2)?)?))]
+        }
+        Part::ViewEffect => {
+            let effect = measure_view_effect(stop, &mut |text| progress.say(text))?;
+            vec![("view_effect", json!(effect))]
         }
         Part::RecordEffect => {
             let effect = measure_record_effect(&args.record_folder, stop, &mut |text| progress.say(text))?;

@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> CommandResult {
         prerendered: args.prerendered,
         capture_args: args.capture_args.clone(),
         record: args.record.clone(),
+        view: None,
     };
     let stop = Shutdown::on_signals()?;
     let trial = trial::run(&setup, &stop, &mut LiveLines::new(args.quiet))?;

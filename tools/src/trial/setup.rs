@@ -61,6 +61,8 @@ pub struct Setup {
     pub capture_args: Vec<String>,
     /// Attach `netcord record` with this file.
     pub record: Option<PathBuf>,
+    /// Attach `netcord view` on this port of this machine.
+    pub view: Option<u16>,
 }
 
 impl Default for Setup {
@@ -75,6 +77,7 @@ impl Default for Setup {
             prerendered: None,
             capture_args: Vec::new(),
             record: None,
+            view: None,
         }
     }
 }
@@ -140,6 +143,9 @@ impl Setup {
         }
         if let Some(file) = &self.record {
             processes.push(process("record", vec![file.display().to_string()]));
+        }
+        if let Some(port) = self.view {
+            processes.push(process("view", vec!["--port".into(), port.to_string()]));
         }
         processes
     }

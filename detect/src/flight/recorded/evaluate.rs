@@ -8,13 +8,19 @@ use super::{
     truth::{self, Arc},
 };
 use crate::flight::{
-    confidence::{Doubt, TOLERANCE_M},
+    confidence::{Curve, TOLERANCE_M, sigma_m},
     flow::{Flow, Table},
     forecast::{PATH_STEP_S, look_ahead},
     physics::Forces,
     settings::Tuning,
     tracker::{Habits, Observation, Tracker},
 };
+
+/// Hash of a recording's name (FNV-1a): what is held out is chosen by it, and by nothing else.
+pub fn name_hash(recording: &Recording) -> u64 {
+    let mix = |h: u64, b: u8| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3);
+    recording.name.bytes().fold(0xcbf2_9ce4_8422_2325, mix)
+}
 
 /// Horizons of the prediction error, ms.
 pub const HORIZONS_MS: [u32; 5] = [100, 200, 300, 400, 500];
@@ -59,8 +65,25 @@ impl Default for EvaluateOptions {
     }
 }
 
-/// Chance given to a prediction of the hitting point, and whether it held.
-pub type Bet = (f64, bool);
+/// A prediction of the hitting point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bet {
+    /// Standard deviation that the filter gave it, m; infinite where no crossing was predicted.
+    pub sigma_m: f64,
+    /// Weight of the hypotheses that predict it.
+    pub weight: f64,
+    /// Whether it held.
+    pub held: bool,
+    /// Hash of the recording's name: bets of one recording are not independent of each other.
+    pub recording: u64,
+}
+
+impl Bet {
+    /// The confidence that is given by `curve`.
+    pub fn confidence(&self, curve: &Curve) -> f64 {
+        self.weight * curve.chance(self.sigma_m)
+    }
+}
 
 /// One prediction of where the ball would be, and how far it was off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,26 +268,24 @@ fn feed(tracker: &mut Tracker, samples: &[Sample], options: &EvaluateOptions) {
 struct Said {
     path: [Vector3<f64>; HORIZONS_MS.len()],
     landing: Option<Vector3<f64>>,
-    hitting: Option<(Vector3<f64>, f64)>,
+    /// Where, the standard deviation, and the weight of those who say so.
+    hitting: Option<(Vector3<f64>, f64, f64)>,
 }
 
 fn ask(tracker: &Tracker, t_s: f64, plane_y_m: f64) -> Option<Said> {
     let bank = tracker.bank_at(ns(t_s));
     let best = bank.consensus()?;
     let mut path = [Vector3::zeros(); HORIZONS_MS.len()];
-    let ahead =
-        look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief, _| {
-            let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
-            if let Some(i) = HORIZONS_MS.iter().position(|h| *h == ms) {
-                path[i] = belief.position();
-            }
-        });
+    let ahead = look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief| {
+        let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
+        if let Some(i) = HORIZONS_MS.iter().position(|h| *h == ms) {
+            path[i] = belief.position();
+        }
+    });
     Some(Said {
         path,
         landing: ahead.landing.map(|(_, c)| c.belief.position()),
-        hitting: ahead
-            .crossing
-            .map(|c| (c.belief.position(), Doubt::of_crossing(&c).confidence(best.weight))),
+        hitting: ahead.crossing.map(|c| (c.belief.position(), sigma_m(&c.covariance), best.weight)),
     })
 }
 
@@ -322,7 +343,7 @@ fn evaluate_flight(
             }
         }
         if let Some(y) = plane {
-            judge_hitting(flight, k, y, &said, result);
+            judge_hitting(flight, k, y, &said, name_hash(recording), result);
         }
         if let Some(truth) = recording.spin_rad_s
             && !spin_judged
@@ -342,7 +363,7 @@ fn evaluate_flight(
 }
 
 /// Compares the predicted crossing of the plane y = `y` with the true one, if that is still to come.
-fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut Evaluation) {
+fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, recording: u64, result: &mut Evaluation) {
     let crosses = |w: &[Sample]| (w[0].position.y - y) * (w[1].position.y - y) <= 0.0;
     let Some(w) = flight[k..].windows(2).find(|w| crosses(w)) else { return };
     let share = (y - w[0].position.y) / (w[1].position.y - w[0].position.y);
@@ -351,9 +372,11 @@ fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, result: &mut 
     }
     let truth = w[0].position + (w[1].position - w[0].position) * share;
     let ahead_s = w[0].t_s + share * (w[1].t_s - w[0].t_s) - flight[k].t_s;
-    let (error, p) =
-        said.hitting.map_or((f64::INFINITY, 0.0), |(predicted, p)| ((predicted - truth).norm(), p));
-    result.bets.push((p, error <= TOLERANCE_M));
+    let (error, sigma_m, weight) =
+        said.hitting.map_or((f64::INFINITY, f64::INFINITY, 1.0), |(p, sigma_m, weight)| {
+            ((p - truth).norm(), sigma_m, weight)
+        });
+    result.bets.push(Bet { sigma_m, weight, held: error <= TOLERANCE_M, recording });
     let nearest = (ahead_s * 10.0).round() as usize;
     if (1..=HORIZONS_MS.len()).contains(&nearest) {
         result.hitting_m[nearest - 1].push(error);

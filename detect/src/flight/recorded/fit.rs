@@ -1,10 +1,12 @@
 //! Physical constants from recorded flights.
 
-use nalgebra::{SMatrix, SVector};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use netcord_common::rig::FlightConstants;
 
 use super::{
-    evaluate::{EvaluateOptions, observation},
+    evaluate::{EvaluateOptions, HORIZONS_MS, evaluate_set, name_hash, observation},
     parse::Recording,
 };
 use crate::flight::{
@@ -27,10 +29,17 @@ pub const FITTED_NAMES: [&str; FITTED] = [
 ];
 /// Steps of the numeric derivatives.
 const STEPS: [f64; FITTED] = [0.01, 0.2, 0.02, 0.2, 0.005, 0.002, 0.01];
-/// Most Newton steps.
+/// Most Gauss–Newton steps.
 const ITERATIONS: usize = 6;
+/// A gain in log-likelihood below this ends the search: far less than what a standard deviation of a constant
+/// is worth.
+const LEAST_GAIN: f64 = 0.05;
+/// An innovation that a small step of a constant moves by more than this many standard deviations was taken for
+/// something else (a hit, an outlier): no derivative.
+const LEAP_SIGMAS: f64 = 3.0;
 /// Constants are fitted, so the filter may not learn others.
-const NO_LATITUDE: Latitude = Latitude { drag: 0.01, restitution: 0.003, slant_m_s2: 0.05, forgetting: 1.0 };
+const NO_LATITUDE: Latitude =
+    Latitude { drag: 0.01, restitution: 0.003, slant_m_s2: 0.05, friction: 0.03, forgetting: 1.0 };
 
 /// Recordings that share a frame, and what is known of it.
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +63,9 @@ pub struct Fit {
     pub recordings: (usize, usize),
     /// Mean negative log-likelihood per position of the held-out recordings, before and after.
     pub held_out: (f64, f64),
+    /// Median prediction error of the held-out recordings at [`HORIZONS_MS`], before and after, m; `None` where
+    /// none reaches that far.
+    pub held_out_errors_m: [[Option<f64>; HORIZONS_MS.len()]; 2],
 }
 
 type Vector = SVector<f64, FITTED>;
@@ -88,141 +100,200 @@ fn constants(v: &Vector, start: &FlightConstants) -> FlightConstants {
     }
 }
 
-/// Whether a recording is held out of the fit: one in three, by a hash of its name (FNV-1a), so that the
-/// choice depends on nothing else.
+/// Whether a recording is held out of the fit: one in three, by a hash of its name.
 pub fn is_held_out(recording: &Recording) -> bool {
-    let hash = recording
-        .name
-        .bytes()
-        .fold(0xcbf2_9ce4_8422_2325_u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
-    hash % 3 == 0
+    name_hash(recording) % 3 == 0
 }
 
-/// Negative log-likelihood of a recording's positions, each given those before it, and how many they are.
-fn cost(set: &FitSet<'_>, recording: &Recording, c: &FlightConstants) -> (f64, usize) {
-    let options = set.options;
-    let mut flow = Flow::new(c, &options.ball, set.table, options.tuning.noise);
-    flow.forces = Forces::new(c, &options.ball);
-    let mut tracker = Tracker::new(flow, NO_LATITUDE, Habits::new(&NO_LATITUDE));
-    let (mut sum, mut n) = (0.0, 0);
-    for sample in &recording.samples {
-        let o = observation(sample, &options);
-        if let Some(log) = tracker.bank_at(o.t_ns).log_likelihood(&o.position, &o.covariance) {
-            sum -= log;
-            n += 1;
+/// What the filter had not foreseen of one position.
+#[derive(Debug, Clone, Copy)]
+struct Innovation {
+    /// Position less what the flight's best hypotheses expected, m.
+    off: Vector3<f64>,
+    /// Inverse of its covariance, 1/m².
+    information: Matrix3<f64>,
+}
+
+/// One recording seen with some constants.
+#[derive(Debug, Clone, Default)]
+struct Pass {
+    /// Negative log-likelihood of the positions, each given those before it.
+    cost: f64,
+    /// Of each sample; `None` where no flight was followed.
+    innovations: Vec<Option<Innovation>>,
+}
+
+impl Pass {
+    fn run(set: &FitSet<'_>, recording: &Recording, c: &FlightConstants) -> Self {
+        let options = set.options;
+        let mut flow = Flow::new(c, &options.ball, set.table, options.tuning.noise);
+        flow.forces = Forces::new(c, &options.ball);
+        let mut tracker = Tracker::new(flow, NO_LATITUDE, Habits::new(&NO_LATITUDE));
+        let mut pass = Self::default();
+        for sample in &recording.samples {
+            let o = observation(sample, &options);
+            let bank = tracker.bank_at(o.t_ns);
+            let log = bank.log_likelihood(&o.position, &o.covariance);
+            pass.cost -= log.unwrap_or(0.0);
+            pass.innovations.push(log.and_then(|_| bank.consensus()).and_then(|h| {
+                let information = (h.belief.position_covariance() + o.covariance).try_inverse()?;
+                Some(Innovation { off: o.position - h.belief.position(), information })
+            }));
+            tracker.observe(&o);
         }
-        tracker.observe(&o);
+        pass
     }
-    (sum, n)
+
+    fn positions(&self) -> usize {
+        self.innovations.iter().flatten().count()
+    }
 }
 
-/// Costs of all recordings that are, or are not, held out.
-fn costs(sets: &[FitSet<'_>], held_out: bool, c: &FlightConstants) -> Vec<(f64, usize)> {
+/// All recordings that are, or are not, held out, on all cores.
+fn passes(sets: &[FitSet<'_>], held_out: bool, c: &FlightConstants) -> Vec<Pass> {
     let work: Vec<_> = sets
         .iter()
         .flat_map(|s| s.recordings.iter().map(move |r| (s, r)))
         .filter(|(_, r)| is_held_out(r) == held_out)
         .collect();
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let share = work.len().div_ceil(threads).max(1);
-    std::thread::scope(|scope| {
-        let parts: Vec<_> = work
-            .chunks(share)
-            .map(|part| scope.spawn(move || part.iter().map(|(s, r)| cost(s, r, c)).collect::<Vec<_>>()))
+    let next = AtomicUsize::new(0);
+    let mut all: Vec<(usize, Pass)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|_| {
+                scope.spawn(|| {
+                    let mut done = Vec::new();
+                    loop {
+                        // Relaxed: each number is handed out once, and nothing else is shared.
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        let Some((set, recording)) = work.get(i) else { return done };
+                        done.push((i, Pass::run(set, recording, c)));
+                    }
+                })
+            })
             .collect();
-        parts.into_iter().flat_map(|p| p.join().unwrap_or_default()).collect()
-    })
+        workers.into_iter().flat_map(|w| w.join().unwrap_or_default()).collect()
+    });
+    all.sort_by_key(|(i, _)| *i);
+    all.into_iter().map(|(_, pass)| pass).collect()
 }
 
-fn sum(costs: &[(f64, usize)]) -> f64 {
-    costs.iter().map(|c| c.0).sum()
+fn total(passes: &[Pass]) -> f64 {
+    passes.iter().map(|p| p.cost).sum()
 }
 
 /// Fits by maximum likelihood of each position given those before (the prediction-error decomposition,
-/// Schweppe 1965), with Newton steps on numeric derivatives from `start` on. The uncertainty is the
-/// sandwich estimator over recordings (Huber 1967): recordings are independent, positions are not quite.
+/// Schweppe 1965), by Gauss–Newton steps on the innovations from `start` on: all flights share the constants,
+/// and each flight's own state is left to the filter. The uncertainty is the sandwich estimator over recordings
+/// (Huber 1967): recordings are independent, positions are not quite. `progress` is told the share that is done.
 /// `None` without recordings to fit to.
-pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants) -> Option<Fit> {
-    let at = |v: &Vector| costs(sets, false, &constants(v, start));
+pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMut(f64)) -> Option<Fit> {
+    let at = |v: &Vector| passes(sets, false, &constants(v, start));
     let mut best = vector(start);
-    let mut best_costs = at(&best);
-    if best_costs.is_empty() {
+    let mut here = at(&best);
+    if here.is_empty() {
         return None;
     }
-    let (mut hessian, mut outer) = derivatives(&at, &best, &best_costs).1;
-    for _ in 0..ITERATIONS {
-        let (gradient, (h, o)) = derivatives(&at, &best, &best_costs);
-        (hessian, outer) = (h, o);
-        // Newton's step; where the Hessian is not positive, or misleads, the step by the gradients' outer
-        // product, which always is (Berndt, Hall, Hall & Hausman 1974).
-        let steps = [hessian, outer].map(|matrix| {
-            let damped = matrix + SMatrix::from_diagonal(&matrix.diagonal().map(|d| 0.02 * d.abs() + 1e-9));
-            damped.cholesky().map(|c| c.solve(&gradient))
+    let mut covariance = SMatrix::zeros();
+    for iteration in 0..ITERATIONS {
+        let share = |part: f64| (iteration as f64 + part) / ITERATIONS as f64;
+        let slopes = slopes(&at, &best, &here, &mut |part| progress(share(0.9 * part)));
+        let damped = slopes.information
+            + SMatrix::from_diagonal(&slopes.information.diagonal().map(|d| 1e-3 * d + 1e-9));
+        let Some(chol) = damped.cholesky() else { break };
+        let inverse = chol.inverse();
+        covariance = inverse * slopes.outer * inverse.transpose();
+        let step = chol.solve(&slopes.gradient);
+        let better = [1.0, 0.4, 0.16].into_iter().find_map(|length| {
+            let trial = vector(&constants(&(best - step * length), start));
+            let there = at(&trial);
+            (total(&there) < total(&here)).then_some((trial, there))
         });
-        let better = steps.into_iter().flatten().find_map(|step| {
-            let mut share = 1.0;
-            while share > 0.02 {
-                let trial = vector(&constants(&(best - step * share), start));
-                let trial_costs = at(&trial);
-                if sum(&trial_costs) < sum(&best_costs) {
-                    return Some((trial, trial_costs));
-                }
-                share *= 0.4;
-            }
-            None
-        });
-        let Some((next, next_costs)) = better else { break };
-        let gain = sum(&best_costs) - sum(&next_costs);
-        (best, best_costs) = (next, next_costs);
-        if gain < 0.5 {
+        let Some((next, there)) = better else { break };
+        let gain = total(&here) - total(&there);
+        (best, here) = (next, there);
+        if gain < LEAST_GAIN {
             break;
         }
     }
-    let inverse = hessian.try_inverse().unwrap_or_else(SMatrix::zeros);
-    let covariance = inverse * outer * inverse.transpose();
     let found = constants(&best, start);
-    let mean = |c: &FlightConstants| {
-        let held = costs(sets, true, c);
-        sum(&held) / held.iter().map(|c| c.1).sum::<usize>().max(1) as f64
-    };
+    let held = [start, &found].map(|c| passes(sets, true, c));
+    let mean = |held: &[Pass]| total(held) / held.iter().map(Pass::positions).sum::<usize>().max(1) as f64;
+    let held_out_errors_m = [start, &found].map(|c| held_out_errors(sets, c));
+    progress(1.0);
     Some(Fit {
         constants: found,
         sigma: std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt()),
-        recordings: (best_costs.len(), costs(sets, true, &found).len()),
-        held_out: (mean(start), mean(&found)),
+        recordings: (here.len(), held[0].len()),
+        held_out: (mean(&held[0]), mean(&held[1])),
+        held_out_errors_m,
     })
 }
 
-type Matrices = (SMatrix<f64, FITTED, FITTED>, SMatrix<f64, FITTED, FITTED>);
+/// Median prediction errors over the recordings that are held out.
+fn held_out_errors(sets: &[FitSet<'_>], c: &FlightConstants) -> [Option<f64>; HORIZONS_MS.len()] {
+    let mut errors: [Vec<f64>; HORIZONS_MS.len()] = Default::default();
+    for set in sets {
+        let held: Vec<Recording> = set.recordings.iter().filter(|r| is_held_out(r)).cloned().collect();
+        let evaluation = evaluate_set(&held, set.table, &EvaluateOptions { constants: *c, ..set.options });
+        for (errors, ms) in errors.iter_mut().zip(HORIZONS_MS) {
+            errors.append(&mut evaluation.prediction_errors_m(ms));
+        }
+    }
+    errors.map(|mut e| {
+        e.sort_by(f64::total_cmp);
+        e.get(e.len() / 2).copied()
+    })
+}
 
-/// Gradient, Hessian, and the sum over recordings of the gradient's outer product.
-fn derivatives(
-    at: &impl Fn(&Vector) -> Vec<(f64, usize)>,
+/// What the cost does around some constants.
+struct Slopes {
+    gradient: Vector,
+    /// Gauss–Newton's matrix: the information that the innovations hold.
+    information: SMatrix<f64, FITTED, FITTED>,
+    /// Sum over recordings of the gradient's outer product.
+    outer: SMatrix<f64, FITTED, FITTED>,
+}
+
+/// By central differences of whole passes.
+fn slopes(
+    at: &impl Fn(&Vector) -> Vec<Pass>,
     v: &Vector,
-    here: &[(f64, usize)],
-) -> (Vector, Matrices) {
+    here: &[Pass],
+    progress: &mut dyn FnMut(f64),
+) -> Slopes {
     let shifted = |i: usize, sign: f64| {
         let mut moved = *v;
         moved[i] += sign * STEPS[i];
         moved
     };
-    let plus: [Vec<(f64, usize)>; FITTED] = std::array::from_fn(|i| at(&shifted(i, 1.0)));
-    let minus: [Vec<(f64, usize)>; FITTED] = std::array::from_fn(|i| at(&shifted(i, -1.0)));
-    let slope = |i: usize, k: usize| (plus[i][k].0 - minus[i][k].0) / (2.0 * STEPS[i]);
-    let each: Vec<Vector> = (0..here.len()).map(|k| Vector::from_fn(|i, _| slope(i, k))).collect();
-    let gradient: Vector = each.iter().sum();
-    let outer = each.iter().map(|g| g * g.transpose()).sum();
-    let base = sum(here);
-    let mut hessian = SMatrix::zeros();
-    for i in 0..FITTED {
-        hessian[(i, i)] = (sum(&plus[i]) - 2.0 * base + sum(&minus[i])) / (STEPS[i] * STEPS[i]);
-        for j in 0..i {
-            let mut both = shifted(i, 1.0);
-            both[j] += STEPS[j];
-            let mixed = sum(&at(&both)) - sum(&plus[i]) - sum(&plus[j]) + base;
-            hessian[(i, j)] = mixed / (STEPS[i] * STEPS[j]);
-            hessian[(j, i)] = hessian[(i, j)];
+    let sides: Vec<[Vec<Pass>; 2]> = (0..FITTED)
+        .map(|i| {
+            let both = [at(&shifted(i, 1.0)), at(&shifted(i, -1.0))];
+            progress((i + 1) as f64 / FITTED as f64);
+            both
+        })
+        .collect();
+    let mut slopes =
+        Slopes { gradient: Vector::zeros(), information: SMatrix::zeros(), outer: SMatrix::zeros() };
+    for (k, pass) in here.iter().enumerate() {
+        let slope = |i: usize| (sides[i][0][k].cost - sides[i][1][k].cost) / (2.0 * STEPS[i]);
+        let gradient = Vector::from_fn(|i, _| slope(i));
+        slopes.gradient += gradient;
+        slopes.outer += gradient * gradient.transpose();
+        for (n, innovation) in pass.innovations.iter().enumerate() {
+            let Some(innovation) = innovation else { continue };
+            let jacobian =
+                SMatrix::<f64, 3, FITTED>::from_columns(&std::array::from_fn::<_, FITTED, _>(|i| {
+                    let [plus, minus] =
+                        [0, 1].map(|side| sides[i][side][k].innovations.get(n).copied().flatten());
+                    let (Some(plus), Some(minus)) = (plus, minus) else { return Vector3::zeros() };
+                    let moved = plus.off - minus.off;
+                    let leap = moved.dot(&(innovation.information * moved)).sqrt();
+                    if leap > LEAP_SIGMAS { Vector3::zeros() } else { moved / (2.0 * STEPS[i]) }
+                }));
+            slopes.information += jacobian.transpose() * innovation.information * jacobian;
         }
     }
-    (gradient, (hessian, outer))
+    slopes
 }

@@ -4,18 +4,15 @@ use std::{fs, path::Path};
 
 use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
-    Bet, EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate_set, find_noise, find_table,
+    EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate_set, find_noise, find_table,
 };
 use serde_json::{Map, Value, json};
 
-use super::{files::Set, plot::ErrorPlot};
+use super::{files::Set, plot::ErrorPlot, reliability::Reliability};
 use crate::{
     exit::{CommandResult, Outcome},
     plot,
 };
-
-/// Bins of the confidence, of equal numbers of predictions.
-const BINS: usize = 10;
 
 /// Evaluates all sets, prints a table of each and of all together, and writes the report.
 pub fn run(
@@ -25,7 +22,7 @@ pub fn run(
     report: Option<&Path>,
 ) -> CommandResult {
     let mut all = Evaluation::default();
-    let mut by_set = Map::new();
+    let (mut by_set, mut ends) = (Map::new(), Vec::new());
     for set in sets {
         let table = find_table(&set.recordings, options);
         let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings));
@@ -39,15 +36,35 @@ pub fn run(
         print(&format!("{} ({} recordings)", set.name, set.recordings.len()), &figures);
         by_set.insert(set.name.clone(), Value::Object(figures));
         all.append(&mut of_set);
+        ends.push(all.bets.len());
     }
     let mut figures = figures(&all);
     if sets.len() > 1 {
         print("all together", &figures);
     }
+    let given = Reliability::as_given(&all.bets);
+    let (folds, others) = (Reliability::by_folds(&all.bets), Reliability::by_sets(&all.bets, &ends));
+    given.print("confidence and the share that held, as given");
+    if let Some(folds) = &folds {
+        folds.print("the same with the curve fitted to other recordings only (five folds)");
+    }
+    if let Some(others) = &others {
+        others.print("the same with the curve fitted to the other sets only");
+    }
+    let worst = |r: &Option<Reliability>| r.as_ref().map(Reliability::worst);
+    figures.insert("confidence_worst".into(), json!(given.worst()));
+    figures.insert("confidence_held_out".into(), json!(folds.as_ref().map(Reliability::report)));
+    figures.insert("confidence_held_out_worst".into(), json!(worst(&folds)));
+    figures.insert("confidence_other_sets".into(), json!(others.as_ref().map(Reliability::report)));
+    figures.insert("confidence_other_sets_worst".into(), json!(worst(&others)));
     figures.insert("sets".into(), Value::Object(by_set));
     if let Some(path) = report {
         fs::write(path, format!("{:#}\n", Value::Object(figures)))?;
-        plot::draw(&path.with_extension("png"), (1200, 500), &ErrorPlot(&all))?;
+        plot::draw(
+            &path.with_extension("png"),
+            (1400, 560),
+            &ErrorPlot { errors: &all, given, held_out: folds.unwrap_or_default() },
+        )?;
     }
     Ok(Outcome::Good)
 }
@@ -81,7 +98,7 @@ fn figures(e: &Evaluation) -> Map<String, Value> {
         "hitting_plane_error_mm": by_ms(&HORIZONS_MS, &e.hitting_m),
         "spin_error_ratio": errors(&e.spin_perpendicular, 1.0),
         "spin_vector_error_ratio": errors(&e.spin_full, 1.0),
-        "confidence": bins(&e.bets),
+        "confidence": Reliability::as_given(&e.bets).report(),
         "flights": e.flights,
         "predictions_without_flight": e.blind,
     });
@@ -89,37 +106,6 @@ fn figures(e: &Evaluation) -> Map<String, Value> {
         Value::Object(map) => map,
         _ => Map::new(),
     }
-}
-
-/// Predictions of like confidence.
-pub struct Bin {
-    /// Mean confidence.
-    pub confidence: f64,
-    /// Share that held.
-    pub held: f64,
-    /// How many.
-    pub n: usize,
-}
-
-/// Predictions by their confidence, in bins of equal number.
-pub fn confidence_bins(bets: &[Bet]) -> Vec<Bin> {
-    let mut bets = bets.to_vec();
-    bets.sort_by(|a, b| a.0.total_cmp(&b.0));
-    bets.chunks(bets.len().div_ceil(BINS).max(1))
-        .map(|bin| Bin {
-            confidence: bin.iter().map(|b| b.0).sum::<f64>() / bin.len() as f64,
-            held: bin.iter().filter(|b| b.1).count() as f64 / bin.len() as f64,
-            n: bin.len(),
-        })
-        .collect()
-}
-
-fn bins(bets: &[Bet]) -> Value {
-    confidence_bins(bets)
-        .iter()
-        .map(|b| json!({ "confidence": b.confidence, "held": b.held, "n": b.n }))
-        .collect::<Vec<_>>()
-        .into()
 }
 
 fn print(title: &str, figures: &Map<String, Value>) {
@@ -148,10 +134,6 @@ fn print(title: &str, figures: &Map<String, Value>) {
             spin["n"],
             cell(full, 2)
         );
-    }
-    println!("  confidence → share that held (n):");
-    for bin in figures["confidence"].as_array().into_iter().flatten() {
-        println!("    {} → {} ({})", cell(&bin["confidence"], 3), cell(&bin["held"], 3), bin["n"]);
     }
     println!(
         "  {} flights; {} predictions made while none was followed\n",

@@ -4,12 +4,15 @@ use std::{fs, path::Path};
 
 use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
-    EvaluateOptions, FITTED_NAMES, FitSet, find_noise, find_table, fit, fitted_values,
+    EvaluateOptions, FITTED_NAMES, FitSet, HORIZONS_MS, find_noise, find_table, fit, fitted_values,
 };
 use serde_json::{Map, Value, json};
 
 use super::files::Set;
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    terminal::LiveLines,
+};
 
 /// Fits, prints the `[flight]` lines of a rig file, and writes the report.
 pub fn run(
@@ -26,7 +29,12 @@ pub fn run(
             FitSet { recordings: &set.recordings, table: find_table(&set.recordings, &options), options }
         })
         .collect();
-    let found = fit(&sets, &options.constants)
+    let mut live = LiveLines::new(false);
+    let found = fit(&sets, &options.constants, &mut |share| {
+        live.draw(&[format!("fitting: {:.0} %", share * 100.0)]);
+    });
+    live.draw(&[]);
+    let found = found
         .ok_or("all recordings are held out (one in three, by a hash of the name): give more of them")?;
     let c = &found.constants;
     println!("[flight]");
@@ -41,11 +49,28 @@ pub fn run(
         "# fitted to {fitted} recordings; on the {held} held out, the negative log-likelihood of a position \
          goes from {before:.4} to {after:.4}"
     );
+    let [errors_before, errors_after] = found.held_out_errors_m.map(|errors| {
+        HORIZONS_MS
+            .iter()
+            .zip(errors)
+            .map(|(ms, m)| (ms.to_string(), json!(m.map(|m| m * 1e3))))
+            .collect::<Map<_, _>>()
+    });
+    let line = |errors: &Map<String, Value>| {
+        let mm = |ms: &u32| errors[&ms.to_string()].as_f64().map_or("–".into(), |mm| format!("{mm:.1}"));
+        HORIZONS_MS.iter().map(mm).collect::<Vec<_>>().join(" / ")
+    };
+    println!(
+        "# their median prediction error at 0.1 … 0.5 s: {} mm before, {} mm now",
+        line(&errors_before),
+        line(&errors_after)
+    );
     if let Some(path) = report {
         let report = json!({
             "constants": constants,
             "recordings": { "fitted": fitted, "held_out": held },
             "held_out_nll_per_position": { "before": before, "after": after },
+            "held_out_error_mm": { "before": errors_before, "after": errors_after },
         });
         fs::write(path, format!("{:#}\n", Value::clone(&report)))?;
     }

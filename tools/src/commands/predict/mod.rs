@@ -4,6 +4,7 @@ mod evaluate;
 mod files;
 mod fit;
 mod plot;
+mod reliability;
 
 use std::path::PathBuf;
 

@@ -5,18 +5,25 @@ use plotters::{
     coord::Shift,
     prelude::{
         BLACK, BLUE, ChartBuilder, Circle, Color as _, DrawingArea, DrawingAreaErrorKind, DrawingBackend,
-        LineSeries, RED, TRANSPARENT,
+        LineSeries, PathElement, RED, TRANSPARENT,
     },
 };
 
-use super::evaluate::{confidence_bins, quantile};
+use super::{evaluate::quantile, reliability::Reliability};
 use crate::plot::{FONT, Painter};
 
 /// How far the share that holds may be from the confidence.
 const MARK: f64 = 0.05;
 
 /// Errors and confidence of one evaluation.
-pub struct ErrorPlot<'a>(pub &'a Evaluation);
+pub struct ErrorPlot<'a> {
+    /// The errors.
+    pub errors: &'a Evaluation,
+    /// What held of the confidence as it was given.
+    pub given: Reliability,
+    /// The same with the curve fitted to other recordings.
+    pub held_out: Reliability,
+}
 
 impl Painter for ErrorPlot<'_> {
     fn paint<B: DrawingBackend>(
@@ -27,7 +34,7 @@ impl Painter for ErrorPlot<'_> {
         let halves = area.split_evenly((1, 2));
         let line = |share: f64| {
             HORIZONS_MS.map(|ms| {
-                let error = quantile(&mut self.0.prediction_errors_m(ms), share).unwrap_or(0.0);
+                let error = quantile(&mut self.errors.prediction_errors_m(ms), share).unwrap_or(0.0);
                 (f64::from(ms), error * 1e3)
             })
         };
@@ -52,7 +59,10 @@ impl Painter for ErrorPlot<'_> {
         }
 
         let mut chart = ChartBuilder::on(&halves[1])
-            .caption("hitting point within 40 mm", (FONT, 20))
+            .caption(
+                "hitting point within 40 mm: as given (blue), curve from other flights (red)",
+                (FONT, 20),
+            )
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(50)
@@ -69,8 +79,17 @@ impl Painter for ErrorPlot<'_> {
             let ends = [f64::max(0.0, -off), f64::min(1.0, 1.0 - off)].map(|x| (x, x + off));
             chart.draw_series(LineSeries::new(ends, BLACK.mix(if off == 0.0 { 0.6 } else { 0.2 })))?;
         }
-        let bins = confidence_bins(&self.0.bets);
-        chart.draw_series(bins.iter().map(|b| Circle::new((b.confidence, b.held), 4, BLUE.filled())))?;
+        // Standard errors as bars; the two a little apart.
+        for (reliability, colour, aside) in [(&self.given, BLUE, -0.004), (&self.held_out, RED, 0.004)] {
+            let at = |confidence: f64| (confidence + aside).clamp(0.0, 1.0);
+            chart.draw_series(reliability.0.iter().map(|b| {
+                let ends = [b.held - b.standard_error, b.held + b.standard_error].map(|y| y.clamp(0.0, 1.0));
+                PathElement::new(ends.map(|y| (at(b.confidence), y)), colour.mix(0.5))
+            }))?;
+            chart.draw_series(
+                reliability.0.iter().map(|b| Circle::new((at(b.confidence), b.held), 4, colour.filled())),
+            )?;
+        }
         Ok(())
     }
 }

@@ -19,7 +19,12 @@ use crate::{exit::CommandResult, stage};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The rig file.
-    rig: PathBuf,
+    #[arg(required_unless_present = "rig_option")]
+    rig: Option<PathBuf>,
+
+    /// The rig file, as every other stage is told it.
+    #[arg(long = "rig", value_name = "RIG.toml", conflicts_with = "rig")]
+    rig_option: Option<PathBuf>,
 
     /// The domain in which the rig's processes meet; default: the rig's name.
     #[arg(long, env = "NETCORD_DOMAIN", value_name = "NAME")]
@@ -50,7 +55,8 @@ pub fn run(args: &Args) -> CommandResult {
     if !(args.preview_rate.is_finite() && args.preview_rate > 0.0) {
         return Err(format!("--preview-rate is {}; it must be above zero", args.preview_rate).into());
     }
-    let rig_args = RigArgs { rig: args.rig.clone(), domain: args.domain.clone() };
+    let rig = args.rig.clone().or_else(|| args.rig_option.clone()).ok_or("no rig: give its file")?;
+    let rig_args = RigArgs { rig, domain: args.domain.clone() };
     let options = PreviewOptions { rate_hz: args.preview_rate, width: args.preview_width.max(16) };
     stage::run("view", &rig_args, |stage| {
         // Before the server starts its threads, so that they inherit it.
