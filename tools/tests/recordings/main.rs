@@ -190,3 +190,73 @@ fn a_recording_becomes_a_picture() {
     let out = netcord(folder.path(), &["plot", "in.mcap", "--out", "none.png", "--at", "0.1"]);
     assert!(out.status.success(), "the truth alone can be drawn: {}", text(&out.stderr));
 }
+
+/// All texts of a JSON value that name a topic, keys included, without the path to a field.
+fn topics_in(value: &serde_json::Value, into: &mut std::collections::BTreeSet<String>) {
+    let mut take = |text: &str| {
+        if text.starts_with('/') {
+            into.insert(text.split('.').next().unwrap_or(text).to_owned());
+        }
+    };
+    match value {
+        serde_json::Value::String(text) => take(text),
+        serde_json::Value::Array(items) => items.iter().for_each(|item| topics_in(item, into)),
+        serde_json::Value::Object(members) => {
+            for (key, member) in members {
+                if key.starts_with('/') {
+                    into.insert(key.clone());
+                }
+                topics_in(member, into);
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_layout_for_viewers_shows_topics_of_a_recording_by_panels_that_know_their_schemas() {
+    let folder = tempfile::tempdir().expect("a folder");
+    Film::new(12).write(&folder.path().join("in.mcap"), &Shot::default());
+    let out = netcord(folder.path(), &["process", "in.mcap", "--out", "out.mcap"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let file = std::fs::read(folder.path().join("out.mcap")).expect("written");
+    let summary = mcap::Summary::read(&file).expect("valid").expect("with an index");
+    let schema_of = |topic: &str| {
+        let channel = summary.channels.values().find(|c| c.topic == topic)?;
+        Some(channel.schema.as_ref()?.name.clone())
+    };
+    let layout: serde_json::Value =
+        serde_json::from_str(include_str!("../../foxglove/netcord.json")).expect("JSON");
+    let mut topics = std::collections::BTreeSet::new();
+    topics_in(&layout, &mut topics);
+    // Latencies are those of a running rig: only `view` serves them.
+    assert!(topics.remove("/statistics"), "{topics:?}");
+    assert!(topics.len() >= 7, "{topics:?}");
+    for topic in &topics {
+        assert!(schema_of(topic).is_some(), "{topic} is not in a recording");
+    }
+    for (panel, config) in layout["configById"].as_object().expect("panels") {
+        let expect = |topic: &serde_json::Value, schema: &str| {
+            let topic = topic.as_str().expect("a topic");
+            assert_eq!(schema_of(topic).as_deref(), Some(schema), "{panel}: {topic}");
+        };
+        if panel.starts_with("Image!") {
+            let mode = &config["imageMode"];
+            expect(&mode["imageTopic"], "foxglove.RawImage");
+            expect(&mode["calibrationTopic"], "foxglove.CameraCalibration");
+            for topic in mode["annotations"].as_object().expect("annotations").keys() {
+                expect(&topic.as_str().into(), "foxglove.ImageAnnotations");
+            }
+        }
+        if panel.starts_with("3D!") {
+            for topic in config["topics"].as_object().expect("topics").keys() {
+                let schema = if topic.ends_with("/calibration") {
+                    "foxglove.CameraCalibration"
+                } else {
+                    "foxglove.SceneUpdate"
+                };
+                expect(&topic.as_str().into(), schema);
+            }
+        }
+    }
+}

@@ -102,7 +102,7 @@ fn constants(v: &Vector, start: &FlightConstants) -> FlightConstants {
 
 /// Whether a recording is held out of the fit: one in three, by a hash of its name.
 pub fn is_held_out(recording: &Recording) -> bool {
-    name_hash(recording) % 3 == 0
+    name_hash(recording).is_multiple_of(3)
 }
 
 /// What the filter had not foreseen of one position.
