@@ -22,7 +22,8 @@ stop() {
     # The stages leave the bus's small management segments: others of the rig might still be at work.
     "$netcord" rig clean --rig "$rig" >&2 || true
 }
-trap stop INT TERM EXIT
+trap 'stop; exit 0' INT TERM
+trap stop EXIT
 
 "$netcord" capture "$@" & pids="$pids $!"
 "$netcord" segment & pids="$pids $!"

@@ -77,7 +77,7 @@ fn the_launch_script_leaves_nothing_behind() {
     assert!(ended.err.contains("capture") && ended.err.contains("segment"), "{}", ended.err);
 
     drop(bus);
-    running.stop();
+    assert_eq!(running.stop().code, Some(0));
     let left = [lab.domain(), &lab.truth_domain()].map(|domain| DomainRemains::of(domain).files());
     assert_eq!(left.concat(), Vec::<std::path::PathBuf>::new());
 }

@@ -25,7 +25,8 @@ use crate::exit::{CommandResult, Outcome};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The recording: MCAP with foxglove.RawImage on /camera/<name>/image.
-    input: PathBuf,
+    #[arg(value_name = "IN.mcap")]
+    recording: PathBuf,
 
     /// The rig file; default: cameras, calibration and poses come from the recording itself.
     #[arg(long, env = "NETCORD_RIG", value_name = "RIG.toml")]
@@ -78,7 +79,7 @@ pub fn run(args: &Args) -> CommandResult {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
     let paths = args.paths()?;
-    let footage = Arc::new(Footage::open(&args.input)?);
+    let footage = Arc::new(Footage::open(&args.recording)?);
     let rig = args.rig(&footage)?;
     let input = Input::new(&footage, &rig);
     let mut stages = Stages::new(&rig, &args.look_for.options())?;
@@ -113,7 +114,7 @@ pub fn run(args: &Args) -> CommandResult {
     }
     report.print();
     println!("{:.1} s, {:.0} triggers a second", seconds, input.triggers() as f64 / seconds);
-    Ok(warn_of_what_is_missing(&args.input, &footage))
+    Ok(warn_of_what_is_missing(&args.recording, &footage))
 }
 
 /// Says what the recording lacks, though what there is has been processed.
@@ -149,7 +150,7 @@ impl Args {
         }
         // The input is mapped while results are written: truncating it would end this process.
         if let (Ok(input), Some(Ok(out))) =
-            (self.input.canonicalize(), self.out.as_ref().map(|out| out.canonicalize()))
+            (self.recording.canonicalize(), self.out.as_ref().map(|out| out.canonicalize()))
             && input == out
         {
             return Err(format!("--out is the recording {} itself; give another file", input.display()));
