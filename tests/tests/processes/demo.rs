@@ -10,7 +10,6 @@ fn is_png(path: &Path) -> bool {
 }
 
 #[test]
-#[ignore = "known to fail: of 91 balls in scene `normal` one is missed, and one position is false"]
 fn the_demo_tracks_the_ball_writes_its_report_and_leaves_nothing() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
