@@ -3,6 +3,7 @@ use std::{sync::Arc, thread};
 use netcord_common::{
     Clock, MonotonicClock, Shutdown,
     bus::{BusError, FrameSlot},
+    realtime,
     rig::{CameraIndex, Rig, RigCamera},
     wire::{BallTruth, CameraTruth, FrameHeader, Stamps},
 };
@@ -154,6 +155,11 @@ impl FrameSource for SyntheticSource {
                 .iter_mut()
                 .map(|stand| {
                     scope.spawn(move || {
+                        // A camera takes no processor from the stages. Stepping back needs no right; were it
+                        // refused all the same, frames would be rendered as before.
+                        if stand.pool.is_none() {
+                            let _ = realtime::step_back(RENDERING_NICENESS);
+                        }
                         let ended = stand.work(shift);
                         if ended.is_err() {
                             shift.stop.request();
@@ -193,6 +199,8 @@ impl Shift<'_> {
 
 /// The last part of each interval, in which the next frame is rendered.
 const RENDERING_PERCENT: u64 = 80;
+/// By how much rendering steps back behind the stages.
+const RENDERING_NICENESS: i32 = 5;
 
 /// A frame that a fault holds back.
 struct Held {
