@@ -61,7 +61,8 @@ tree=$cache/tree
 
 # ---- what is under test -------------------------------------------------------------------------------
 cd "$root"
-if [ "$profile" = release ]; then flags=--release; out=target/release; else flags=; out=target/debug; fi
+targets=${CARGO_TARGET_DIR:-target}
+if [ "$profile" = release ]; then flags=--release; out=$targets/release; else flags=; out=$targets/debug; fi
 if [ -n "${BUILT:-}" ]; then
     out=$BUILT
 else

@@ -131,7 +131,7 @@ fn views_that_were_not_used_fit_to_a_pixel() {
         );
         // Each lens explains its own pictures: what is more comes from between the cameras. The board is carried
         // at 40 px/s and more in every picture, and cam1's frames were exposed some 60 ms before the others' of the
-        // same stamp (moving its corners along by that halves its residual): a webcam's clock.
+        // same stamp (moving its corners along by that takes off a third of its residual): a webcam's clock.
         assert!(own.median < 0.2, "{}: {} px", c.camera, own.median);
     }
     let mut all: Vec<f64> = corners.iter().map(|c| c.residual.norm()).collect();
