@@ -15,16 +15,28 @@ pub enum Preset {
     Hard,
 }
 
+impl Preset {
+    /// All, the easiest first.
+    pub const ALL: [Self; 3] = [Self::Clean, Self::Normal, Self::Hard];
+
+    /// The name that options and reports use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Clean => "clean",
+            Self::Normal => "normal",
+            Self::Hard => "hard",
+        }
+    }
+}
+
 impl FromStr for Preset {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        match name {
-            "clean" => Ok(Self::Clean),
-            "normal" => Ok(Self::Normal),
-            "hard" => Ok(Self::Hard),
-            other => Err(format!("scene {other:?} is not known; valid are clean, normal and hard")),
-        }
+        Self::ALL
+            .into_iter()
+            .find(|preset| preset.name() == name)
+            .ok_or_else(|| format!("scene {name:?} is not known; valid are clean, normal and hard"))
     }
 }
 

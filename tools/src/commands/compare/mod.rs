@@ -1,5 +1,6 @@
-//! `netcord compare`: the triangulation methods side by side.
+//! `netcord compare`: the triangulation methods side by side, or the segmenter on raw and converted frames.
 
+mod input;
 mod plots;
 mod points;
 
@@ -16,7 +17,8 @@ use serde::Serialize;
 use crate::exit::{CommandResult, Outcome};
 
 /// Compare the triangulation methods: precision over noise, calibration error, number of cameras and place
-/// over the table, and time per point; or triangulate given points with each method.
+/// over the table, and time per point; or triangulate given points with each method; or compare what the
+/// segmenter makes of raw, demosaiced and half-resolution frames.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The rig [default: the example rigs with 2, 4 and 8 cameras].
@@ -30,6 +32,16 @@ pub struct Args {
     /// Where to draw the plot, PNG or SVG [default: beside the report, or compare.png].
     #[arg(long, value_name = "FILE.png")]
     plot: Option<PathBuf>,
+
+    /// Compare recall, error of the centre and time for raw, demosaiced (bilinear and edge-aware) and
+    /// half-resolution frames of the synthetic scenes instead, each frame searched as a whole.
+    #[arg(long, conflicts_with_all = ["points", "trials"])]
+    input: bool,
+
+    /// Frames of each camera and scene, with --input.
+    #[arg(long, default_value_t = 300, requires = "input", value_name = "N",
+          value_parser = clap::value_parser!(u64).range(1..))]
+    frames: u64,
 
     /// Trials for each cell.
     #[arg(long, default_value_t = 500)]
@@ -121,17 +133,28 @@ pub fn run(args: &Args) -> CommandResult {
         return Ok(Outcome::Good);
     }
     let rigs = rigs(args.rig.as_deref())?;
-    let report = measure(&rigs, args);
-    print_tables(&report);
     let plot = match (&args.plot, &args.report) {
         (Some(plot), _) => plot.clone(),
         (None, Some(report)) => report.with_extension("png"),
         (None, None) => "compare.png".into(),
     };
+    if args.input {
+        let rows = input::measure(&rigs[0], args.seed, args.frames)?;
+        input::print(&rows);
+        input::draw(&plot, &rows)?;
+        println!("\nplot: {}", plot.display());
+        return write_report(args.report.as_deref(), &rows);
+    }
+    let report = measure(&rigs, args);
+    print_tables(&report);
     plots::draw(&plot, &report)?;
     println!("\nplot: {}", plot.display());
-    if let Some(path) = &args.report {
-        let text = serde_json::to_string_pretty(&report)?;
+    write_report(args.report.as_deref(), &report)
+}
+
+fn write_report(path: Option<&Path>, report: &impl Serialize) -> CommandResult {
+    if let Some(path) = path {
+        let text = serde_json::to_string_pretty(report)?;
         fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
         println!("report: {}", path.display());
     }
