@@ -56,7 +56,7 @@ impl Source {
     /// Squared distance of the measured diameter from that of a ball at `depth`, in standard deviations;
     /// zero where no diameter was measured, bounded, since shadows and nets do what they like.
     fn size_distance(&self, depth: f64) -> f64 {
-        const MOST: f64 = 16.0;
+        const MOST: f64 = 9.0;
         let d = &self.detection;
         if d.diameter_px <= 0.0 {
             return 0.0;
