@@ -39,9 +39,8 @@ const MAX_FITS_ALONE: usize = 16;
 /// Fits of each colour among what moves, and the least rank that is worth one there.
 const MAX_FITS_IN_CROWD: usize = 3;
 const LIKELY_IN_CROWD: f32 = 0.15;
-/// Fits beside a ball that is where it was expected.
+/// Fits beside a ball that is where it was expected, of what ranks so high.
 const MAX_FITS_BESIDE: usize = 2;
-/// Rank of a start that is worth a fit when a ball in play has been found already.
 const LIKELY_BESIDE: f32 = 0.3;
 /// Score from which on a better measurement is worth its time.
 const WORTH_REFINING: f64 = 0.3;
@@ -464,7 +463,7 @@ impl Segmenter {
                 break;
             }
             let unlikely = start.rank() <= UNLIKELY;
-            if start.rank() <= LIKELY_BESIDE && self.has_ball_in_play() {
+            if unlikely && self.has_ball_in_play() {
                 break;
             }
             let enough = if unlikely { MAX_UNLIKELY } else { most };
