@@ -172,7 +172,11 @@ fn passes(sets: &[FitSet<'_>], held_out: bool, c: &FlightConstants) -> Vec<Pass>
                 })
             })
             .collect();
-        workers.into_iter().flat_map(|w| w.join().unwrap_or_default()).collect()
+        // A panic goes on: constants fitted to a part of the recordings would look like those of all.
+        workers
+            .into_iter()
+            .flat_map(|w| w.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
     });
     all.sort_by_key(|(i, _)| *i);
     all.into_iter().map(|(_, pass)| pass).collect()

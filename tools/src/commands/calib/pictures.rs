@@ -135,9 +135,12 @@ pub fn search(detector: &Detector, images: &[String]) -> Result<(Vec<String>, Ve
             let free = |name: &String, instants: &BTreeMap<String, Vec<Option<Unread>>>| {
                 instants.get(name).is_none_or(|p| p[place].is_none())
             };
-            let names = std::iter::once(name.clone()).chain((2..).map(|k| format!("{name} ({k})")));
-            let name = names.into_iter().find(|n| free(n, &instants)).unwrap_or_default();
-            instants.entry(name).or_insert_with(|| vec![None; cameras.len()])[place] = Some(picture.clone());
+            let (mut own, mut copies) = (name.clone(), 1);
+            while !free(&own, &instants) {
+                copies += 1;
+                own = format!("{name} ({copies})");
+            }
+            instants.entry(own).or_insert_with(|| vec![None; cameras.len()])[place] = Some(picture.clone());
         }
     }
     let style = ProgressStyle::with_template("{prefix} {bar:40} {pos}/{len}")?;

@@ -63,6 +63,7 @@ pub fn run(
         plot::draw(
             &path.with_extension("png"),
             (1400, 560),
+            // Without enough recordings for folds there is no second curve to draw.
             &ErrorPlot { errors: &all, given, held_out: folds.unwrap_or_default() },
         )?;
     }
