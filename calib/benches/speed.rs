@@ -43,7 +43,7 @@ fn views(count: usize, seed: u64) -> (CameraViews, Vec<Transform<Camera, Board>>
         let turn = Rotation3::new(Vector3::new(any(0.7), any(0.7), any(0.5)));
         let centre = Vector3::new(any(0.35), any(0.2), 0.6 + any(0.15));
         let pose = Transform::<Camera, Board>::new(turn, centre - turn * Vector3::new(0.16, 0.1, 0.0));
-        let mut view = View { name: format!("{}", found.views.len()), object: Vec::new(), image: Vec::new() };
+        let mut view = View::new(format!("{}", found.views.len()), Vec::new(), Vec::new());
         for i in 0..54 {
             let object = Vector3::new(f64::from(i % 9) * 0.04, f64::from(i / 9) * 0.04, 0.0);
             let Some(pixel) = model.project(&(&pose * Point::from(object))).filter(|p| model.contains(p))

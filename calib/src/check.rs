@@ -316,22 +316,10 @@ fn against_common_pose(cameras: &[TableCamera], by: &[Seen<'_>]) -> Vec<CheckedC
     let mut bundle: Bundle<6, Transform<World, Board>> = Bundle {
         cameras: cameras
             .iter()
-            .map(|c| BundleCamera {
-                model: c.model,
-                camera_from_rig: c.camera_from_first,
-                freedom: Freedom::NOTHING,
-            })
+            .map(|c| BundleCamera::new(c.model, c.camera_from_first, Freedom::NOTHING))
             .collect(),
         blocks: Vec::new(),
-        sightings: by
-            .iter()
-            .map(|(c, v)| Sighting {
-                camera: *c,
-                block: 0,
-                object: v.object.clone(),
-                pixels: v.image.clone(),
-            })
-            .collect(),
+        sightings: by.iter().map(|(c, v)| Sighting::new(*c, 0, v.object.clone(), v.image.clone())).collect(),
     };
     let loss = Loss::Huber { scale_px: 1.0 };
     let best = starts

@@ -50,7 +50,7 @@ fn views(cameras: &[TableCamera], scale: f64, random: &mut impl Rng) -> Vec<Came
         let pose =
             Transform::<World, Board>::new(turn, middle - turn * Vector3::new(0.21, 0.15, 0.0) * scale);
         for (camera, seen) in cameras.iter().zip(&mut seen) {
-            let mut view = View { name: format!("{k}"), object: Vec::new(), image: Vec::new() };
+            let mut view = View::new(format!("{k}"), Vec::new(), Vec::new());
             for o in &object {
                 let at = &camera.camera_from_first * (&pose * Point::from(o * scale));
                 let Some(pixel) = camera.model.project(&at).filter(|p| camera.model.contains(p)) else {

@@ -48,7 +48,7 @@ fn views(
         .iter()
         .enumerate()
         .map(|(i, world_from_board)| {
-            let mut view = View { name: format!("{i}"), object: Vec::new(), image: Vec::new() };
+            let mut view = View::new(format!("{i}"), Vec::new(), Vec::new());
             for object in board() {
                 let at = &(camera_from_world * world_from_board) * Point::from(object);
                 let Some(pixel) = model.project(&at).filter(|p| model.contains(p)) else { continue };

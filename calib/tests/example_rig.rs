@@ -49,7 +49,7 @@ impl Setup {
         let noise = Normal::new(0.0, NOISE_PX).expect("positive");
         let camera = &self.rig.cameras[camera];
         let camera_from_board = &camera.camera_from_world * pose;
-        let mut view = View { name: name.to_owned(), object: Vec::new(), image: Vec::new() };
+        let mut view = View::new(name.to_owned(), Vec::new(), Vec::new());
         for object in &self.board {
             let pixel = camera.model.project(&(&camera_from_board * Point::from(*object)));
             let Some(pixel) = pixel.filter(|p| camera.model.contains(p)) else { continue };

@@ -40,7 +40,7 @@ fn views(reference: &Value, side: &str) -> CameraViews {
                 .iter()
                 .map(|p| Vector2::new(p[0].as_f64().expect("u"), p[1].as_f64().expect("v")))
                 .collect();
-            View { name: n.to_owned(), object: object.clone(), image }
+            View::new(n.to_owned(), object.clone(), image)
         })
         .collect();
     CameraViews { name: side.to_owned(), size: (640, 480), views }

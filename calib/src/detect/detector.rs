@@ -142,11 +142,8 @@ impl Detector {
 
     /// The corners as a view of calibration.
     pub fn view(&self, name: &str, found: &BoardView) -> View {
-        View {
-            name: name.to_owned(),
-            object: found.corners.iter().map(|c| self.points[c.id]).collect(),
-            image: found.corners.iter().map(|c| c.at).collect(),
-        }
+        let object = found.corners.iter().map(|c| self.points[c.id]).collect();
+        View::new(name.to_owned(), object, found.corners.iter().map(|c| c.at).collect())
     }
 
     /// The outline of the found corners in the picture: their convex hull.

@@ -5,6 +5,7 @@ use crate::{
     board::Pattern,
     detect::{BoardView, Detector},
     gather::Rejection,
+    solve::{View, looks_around},
 };
 
 /// What became of a shot.
@@ -41,11 +42,30 @@ impl Session {
                 |shot: &Shot| (0..shot.sights.len()).filter(|c| board_in(shot, *c).is_some()).count();
             shots.sort_by_key(|s| seen_by(s) < 2);
         }
+        let looks: Vec<Vec<View>> = (0..self.setup.cameras.len()).map(|c| self.looks(&shots, c)).collect();
         let offered = shots.into_iter().filter_map(|shot| {
             self.offer(&shot);
             Some(Offered { verdict: self.last_verdict.clone()?, name: shot.name })
         });
-        Ok(offered.collect())
+        let offered = offered.collect();
+        for kept in &mut self.kept {
+            for (view, looks) in kept.views.iter_mut().zip(&looks) {
+                if let Some(kept) = view {
+                    looks_around(std::slice::from_mut(&mut kept.view), looks);
+                }
+            }
+        }
+        Ok(offered)
+    }
+
+    /// All that a camera saw of the board, with stamps: what is not kept still tells how the board moves.
+    fn looks(&self, shots: &[Shot], camera: usize) -> Vec<View> {
+        let stamped = shots.iter().filter_map(|shot| {
+            let stamp_ns = shot.sights[camera].as_ref()?.as_ref().ok()?.stamp_ns?;
+            let (board, _) = board_in(shot, camera)?;
+            Some(View { stamp_ns: Some(stamp_ns), ..self.detector.view(&shot.name, board) })
+        });
+        stamped.collect()
     }
 }
 

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     detect::Detector,
-    solve::CameraViews,
+    solve::{CameraViews, View},
     table::{self, BoardOnTable},
 };
 
@@ -253,7 +253,8 @@ impl Session {
 
     fn kept_view(&self, name: &str, sight: &Sight) -> Option<KeptView> {
         let board = sight.board.as_ref().ok()?;
-        let (view, outline) = (self.detector.view(name, board), Detector::outline(board));
+        let view = View { stamp_ns: sight.stamp_ns, ..self.detector.view(name, board) };
+        let outline = Detector::outline(board);
         Some(KeptView { view, size: sight.size, outline })
     }
 

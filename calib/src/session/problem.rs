@@ -136,7 +136,7 @@ impl Problem {
             let own = self.marks.iter().filter(|m| m.camera == camera.name);
             let image: Vec<Vector2<f64>> = own.map(|m| Vector2::from(m.at)).collect();
             if !image.is_empty() {
-                camera.views.push(View { name: MARKS_VIEW.to_owned(), object: Vec::new(), image });
+                camera.views.push(View::new(MARKS_VIEW.to_owned(), Vec::new(), image));
             }
         }
         cameras

@@ -38,7 +38,7 @@ impl Sight {
 }
 
 /// What all cameras saw at once.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Shot {
     /// Its name, unlike that of any other shot.
     pub name: String,

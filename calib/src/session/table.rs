@@ -124,6 +124,7 @@ impl TableOutcome {
                 .collect();
             let points = views.iter().map(|v| v.points).sum();
             let report = CameraReport {
+                exposed_later_s: None,
                 size: [camera.model.width, camera.model.height],
                 rms_px: rms(views.iter().map(|v| v.rms_px.powi(2) * v.points as f64).sum(), points),
                 parameters: crate::solve::INTRINSIC_NAMES

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::{
     block::{Block, cross},
     loss::Loss,
+    views::PixelMotion,
 };
 
 /// Which unknowns of a camera are solved for.
@@ -21,13 +22,22 @@ pub struct Freedom {
     pub tie_aspect: bool,
     /// Whether the camera may move in the rig.
     pub pose: bool,
+    /// Whether its clock may be off; needs sightings in motion.
+    pub clock: bool,
 }
 
 impl Freedom {
     /// All intrinsics free, the pose fixed.
-    pub const INTRINSICS: Self = Self { intrinsics: [true; INTRINSICS], tie_aspect: false, pose: false };
+    pub const INTRINSICS: Self =
+        Self { intrinsics: [true; INTRINSICS], tie_aspect: false, pose: false, clock: false };
     /// Nothing free.
-    pub const NOTHING: Self = Self { intrinsics: [false; INTRINSICS], tie_aspect: false, pose: false };
+    pub const NOTHING: Self =
+        Self { intrinsics: [false; INTRINSICS], tie_aspect: false, pose: false, clock: false };
+
+    /// Number of unknowns, with a basis of so many intrinsics.
+    fn unknowns(&self, basis: usize) -> usize {
+        basis + 6 * usize::from(self.pose) + usize::from(self.clock)
+    }
 
     /// Directions in the space of the nine intrinsics that may be stepped along, one a column.
     fn basis(&self, model: &CameraModel) -> Vec<SVector<f64, INTRINSICS>> {
@@ -49,8 +59,21 @@ pub struct BundleCamera {
     pub model: CameraModel,
     /// Pose in the rig.
     pub camera_from_rig: Transform<Camera, World>,
+    /// How much later than its stamps say its frames were exposed, s.
+    pub later_s: f64,
     /// What may change.
     pub freedom: Freedom,
+}
+
+impl BundleCamera {
+    /// A camera whose clock is right.
+    pub const fn new(
+        model: CameraModel,
+        camera_from_rig: Transform<Camera, World>,
+        freedom: Freedom,
+    ) -> Self {
+        Self { model, camera_from_rig, later_s: 0.0, freedom }
+    }
 }
 
 /// What one camera saw of one block.
@@ -64,6 +87,32 @@ pub struct Sighting {
     pub object: Vec<Vector3<f64>>,
     /// Their raw pixels.
     pub pixels: Vec<Vector2<f64>>,
+    /// How the pixels move: of all points, or none where that is not known.
+    pub motion: Vec<PixelMotion>,
+    /// How much later than the block's instant it was, s, by the camera's stamps.
+    pub after_s: f64,
+}
+
+impl Sighting {
+    /// Of something that does not move, or at the very instant.
+    pub const fn new(
+        camera: usize,
+        block: usize,
+        object: Vec<Vector3<f64>>,
+        pixels: Vec<Vector2<f64>>,
+    ) -> Self {
+        Self { camera, block, object, pixels, motion: Vec::new(), after_s: 0.0 }
+    }
+
+    /// Point `i` as it was at the block's instant, when the camera's frames are exposed `later_s` after their
+    /// stamps, and how that changes with `later_s`, px/s.
+    fn pixel(&self, i: usize, later_s: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let ago_s = self.after_s + later_s;
+        self.motion.get(i).map_or_else(
+            || (self.pixels[i], Vector2::zeros()),
+            |m| (m.before(&self.pixels[i], ago_s), m.acceleration * ago_s - m.velocity),
+        )
+    }
 }
 
 /// Cameras, blocks and sightings, to be solved together.
@@ -104,7 +153,7 @@ pub struct Solution {
     /// (JᵀWJ)⁻¹ of all camera unknowns with the blocks marginalised, for residuals of unit variance;
     /// `None` when some unknown is not determined by the sightings.
     pub inverse_information: Option<DMatrix<f64>>,
-    /// Start of each camera's unknowns: its intrinsics' basis first, then 6 of its pose.
+    /// Start of each camera's unknowns: its intrinsics' basis first, then 6 of its pose, then its clock.
     pub offsets: Vec<usize>,
 }
 
@@ -126,8 +175,9 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
         sighting
             .object
             .iter()
-            .zip(&sighting.pixels)
-            .map(|(object, pixel)| {
+            .enumerate()
+            .map(|(i, object)| {
+                let (pixel, _) = sighting.pixel(i, camera.later_s);
                 let at = &camera.camera_from_rig * Point::<World>::from(block.place(object));
                 camera.model.project(&at).map(|p| pixel - p)
             })
@@ -157,7 +207,7 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
         let mut total = 0;
         for camera in &self.cameras {
             offsets.push(total);
-            total += camera.freedom.basis(&camera.model).len() + 6 * usize::from(camera.freedom.pose);
+            total += camera.freedom.unknowns(camera.freedom.basis(&camera.model).len());
         }
         (offsets, total)
     }
@@ -180,7 +230,7 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
         let part = |s: &Sighting| -> Option<Part<D>> {
             let camera = &self.cameras[s.camera];
             let basis = &bases[s.camera];
-            let own = basis.len() + 6 * usize::from(camera.freedom.pose);
+            let own = camera.freedom.unknowns(basis.len());
             let mut p = Part {
                 cost: 0.0,
                 a: DMatrix::zeros(own, own),
@@ -191,9 +241,10 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
             };
             let block = &self.blocks[s.block];
             let rotation = camera.camera_from_rig.rotation.matrix();
-            // The rows of one point: at most 9 + 6 unknowns.
-            let mut jc = SMatrix::<f64, 2, 15>::zeros();
-            for (object, pixel) in s.object.iter().zip(&s.pixels) {
+            // The rows of one point: at most 9 + 6 + 1 unknowns.
+            let mut jc = SMatrix::<f64, 2, 16>::zeros();
+            for (i, object) in s.object.iter().enumerate() {
+                let (pixel, by_clock) = s.pixel(i, camera.later_s);
                 let in_rig = block.place(object);
                 let at = &camera.camera_from_rig * Point::<World>::from(in_rig);
                 let projected = camera.model.project_with_jacobians(&at)?;
@@ -210,6 +261,10 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
                         jc.set_column(basis.len() + k, &by_turn.column(k));
                         jc.set_column(basis.len() + 3 + k, &projected.by_point.column(k));
                     }
+                }
+                if camera.freedom.clock {
+                    // What moves the observation one way moves the prediction the other way.
+                    jc.set_column(own - 1, &-by_clock);
                 }
                 let jb = projected.by_point * rotation * block.jacobian(object);
                 for i in 0..own {
@@ -379,6 +434,9 @@ impl<const D: usize, B: Block<D>> Bundle<D, B> {
                 let moved = camera.camera_from_rig.translation + delta.fixed_rows::<3>(at + 3);
                 camera.camera_from_rig = Transform::new(rotation, moved);
             }
+            if camera.freedom.clock {
+                camera.later_s += delta[at + camera.freedom.unknowns(basis.len()) - 1];
+            }
         }
         for (b, block) in next.blocks.iter_mut().enumerate() {
             let mut rhs = normal.gb[b];
@@ -438,8 +496,17 @@ impl Solution {
             to_full.view_mut((9, basis.len()), (6, 6)).fill_with_identity();
         }
         let at = self.offsets[camera];
+        // The clock comes last, and is not among these.
         let part = inverse.view((at, at), (own, own));
         let full = &to_full * part * to_full.transpose() * variance_px2;
         Some(SMatrix::from_iterator(full.iter().copied()))
+    }
+
+    /// Standard deviation of the camera's clock, s, given the variance of one residual coordinate in px²; `None`
+    /// where it was fixed or is not determined.
+    pub fn clock_sd_s(&self, camera: usize, state: &BundleCamera, variance_px2: f64) -> Option<f64> {
+        let own = state.freedom.unknowns(state.freedom.basis(&state.model).len());
+        let place = self.offsets[camera] + own.checked_sub(1).filter(|_| state.freedom.clock)?;
+        Some((self.inverse_information.as_ref()?[(place, place)] * variance_px2).max(0.0).sqrt())
     }
 }

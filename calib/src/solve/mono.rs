@@ -150,13 +150,9 @@ pub fn calibrate_mono(
     if fitted.len() < MIN_VIEWS {
         return Err(CalibrationError::TooFewViews { camera: name(), found: fitted.len(), needed: MIN_VIEWS });
     }
-    let freedom = Freedom { intrinsics: options.free, tie_aspect: options.tie_aspect, pose: false };
+    let freedom = Freedom { intrinsics: options.free, tie_aspect: options.tie_aspect, ..Freedom::NOTHING };
     let mut bundle = Bundle {
-        cameras: vec![BundleCamera {
-            model,
-            camera_from_rig: Transform::identity(),
-            freedom: freedom.clone(),
-        }],
+        cameras: vec![BundleCamera::new(model, Transform::identity(), freedom.clone())],
         blocks,
         sightings: sightings_of(0, &fitted, 0),
     };
@@ -254,12 +250,7 @@ pub(crate) fn sightings_of(camera: usize, views: &[View], first: usize) -> Vec<S
     views
         .iter()
         .enumerate()
-        .map(|(i, v)| Sighting {
-            camera,
-            block: first + i,
-            object: v.object.clone(),
-            pixels: v.image.clone(),
-        })
+        .map(|(i, v)| Sighting::new(camera, first + i, v.object.clone(), v.image.clone()))
         .collect()
 }
 

@@ -325,7 +325,7 @@ fn adjust(
     let mut bundle = Bundle { cameras: Vec::new(), blocks: Vec::new(), sightings: Vec::new() };
     for (i, (m, pose)) in members.iter().zip(poses.iter()).enumerate() {
         let freedom = Freedom { pose: i != reference, intrinsics: options.intrinsics, ..Freedom::NOTHING };
-        bundle.cameras.push(BundleCamera { model: cameras[*m].model, camera_from_rig: *pose, freedom });
+        bundle.cameras.push(BundleCamera::new(cameras[*m].model, *pose, freedom));
     }
     let mut block_of = Vec::new();
     for (k, point) in points.iter().enumerate() {
@@ -338,12 +338,7 @@ fn adjust(
             if let (Some(pixel), Some(at)) = (seen, projected)
                 && (at - pixel).norm() < 50.0 * OUTLIER_PX
             {
-                bundle.sightings.push(Sighting {
-                    camera,
-                    block,
-                    object: vec![Vector3::zeros()],
-                    pixels: vec![pixel],
-                });
+                bundle.sightings.push(Sighting::new(camera, block, vec![Vector3::zeros()], vec![pixel]));
             }
         }
         let seen_by = bundle.sightings.iter().rev().take_while(|s| s.block == block).count();

@@ -109,13 +109,9 @@ pub(crate) fn refine(
     start: Transform<Camera, Board>,
 ) -> Option<FittedPose> {
     let mut bundle = Bundle {
-        cameras: vec![BundleCamera {
-            model: *model,
-            camera_from_rig: Transform::identity(),
-            freedom: Freedom::NOTHING,
-        }],
+        cameras: vec![BundleCamera::new(*model, Transform::identity(), Freedom::NOTHING)],
         blocks: vec![Transform::<World, Board>::new(start.rotation, start.translation)],
-        sightings: vec![Sighting { camera: 0, block: 0, object: object.to_vec(), pixels: pixels.to_vec() }],
+        sightings: vec![Sighting::new(0, 0, object.to_vec(), pixels.to_vec())],
     };
     let solution = bundle.solve(&SolveOptions { max_steps: 60, ..SolveOptions::default() })?;
     let board = bundle.blocks[0];

@@ -77,6 +77,10 @@ pub struct CameraReport {
     /// Standard deviations of the rotation vector (rad) and of T (m).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pose_sd: Option<[f64; 6]>,
+    /// How much later than the others' of the same stamp its frames were exposed, s (negative: earlier); absent
+    /// where its clock is right, or nothing tells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposed_later_s: Option<Uncertain>,
 }
 
 /// The whole report of `netcord calib mono|stereo|rig`.
@@ -186,6 +190,7 @@ impl Report {
                     r: None,
                     t: None,
                     pose_sd: None,
+                    exposed_later_s: None,
                 },
             );
         }
@@ -233,6 +238,7 @@ impl Report {
                     r: Some(c.camera_from_first.rotation.matrix().transpose().into()),
                     t: Some(c.camera_from_first.translation.into()),
                     pose_sd: Some(std::array::from_fn(|k| c.covariance[(9 + k, 9 + k)].max(0.0).sqrt())),
+                    exposed_later_s: c.clock.as_ref().map(|k| Uncertain { value: k.later_s, sd: k.sd_s }),
                 },
             );
         }

@@ -93,19 +93,15 @@ pub(super) fn polish(
     let before =
         |p: &&(Vector3<f64>, Vector2<f64>)| camera.model.project(&(&pose * Point::from(p.0))).is_some();
     let mut bundle = Bundle {
-        cameras: vec![BundleCamera {
-            model: camera.model,
-            camera_from_rig: pose,
-            freedom: Freedom { pose: true, ..Freedom::NOTHING },
-        }],
+        cameras: vec![BundleCamera::new(camera.model, pose, Freedom { pose: true, ..Freedom::NOTHING })],
         // One block that does not move: its unknowns are held by a sighting of no camera's freedom.
         blocks: Vec::<Fixed>::from([Fixed]),
-        sightings: vec![Sighting {
-            camera: 0,
-            block: 0,
-            object: pairs.iter().filter(before).map(|p| p.0).collect(),
-            pixels: pairs.iter().filter(before).map(|p| p.1).collect(),
-        }],
+        sightings: vec![Sighting::new(
+            0,
+            0,
+            pairs.iter().filter(before).map(|p| p.0).collect(),
+            pairs.iter().filter(before).map(|p| p.1).collect(),
+        )],
     };
     bundle.solve(&SolveOptions { loss: Loss::Cauchy { scale_px: 1.0 }, max_steps: 50 })?;
     Some(bundle.cameras[0].camera_from_rig)

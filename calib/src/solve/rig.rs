@@ -8,11 +8,13 @@ use netcord_common::{
 
 use super::{
     bundle::{Bundle, BundleCamera, Freedom, Sighting, SolveOptions},
+    clocks::{Clock, clock_of, drop_unmoved, find_clocks},
     error::CalibrationError,
+    looks::{after_s, instant_ns},
     loss::Loss,
     mono::{Outlier, check_finite},
     pose::{FittedPose, board_pose},
-    views::CameraViews,
+    views::{CameraViews, View},
 };
 
 /// How a rig is calibrated.
@@ -42,6 +44,10 @@ pub struct RigMember {
     /// Covariance of the nine intrinsics and of the pose (rotation vector applied from the left in
     /// rad, translation in m); zero where fixed.
     pub covariance: SMatrix<f64, 15, 15>,
+    /// The error of its clock, where that is significant; views must have stamps, and the board must move.
+    pub clock: Option<Clock>,
+    /// Views of it left out because its clock is off and nothing tells how the board moved in them.
+    pub unmoved: usize,
 }
 
 /// How one camera's view of the board fits.
@@ -108,13 +114,13 @@ const MAX_CANDIDATES: usize = 40;
 struct Seen {
     view: usize,
     pose: FittedPose,
-    object: Vec<Vector3<f64>>,
-    pixels: Vec<Vector2<f64>>,
+    from: View,
 }
 
 /// Calibrates the poses of cameras from simultaneous views of boards, in one bundle adjustment; no
 /// view needs all cameras, a chain of overlaps is enough. `models` are the cameras' intrinsics, in the
-/// same order. Views that contradict the rest are rejected and named.
+/// same order. Views that contradict the rest are rejected and named. Where views have stamps and the board moves,
+/// a camera whose clock is off is found by that, and its corners are taken to the others' instants.
 ///
 /// # Errors
 /// [`CalibrationError`]: fewer than two cameras, cameras without common views.
@@ -141,7 +147,7 @@ pub fn calibrate_rig(
                 names.push(v.name.clone());
                 names.len() - 1
             });
-            own.push(Seen { view, pose, object: v.object.clone(), pixels: v.image.clone() });
+            own.push(Seen { view, pose, from: v.clone() });
         }
         seen.push(own);
     }
@@ -150,8 +156,8 @@ pub fn calibrate_rig(
 
     let mut bundle = Bundle { cameras: Vec::new(), blocks: Vec::new(), sightings: Vec::new() };
     for (i, (model, pose)) in models.iter().zip(&poses).enumerate() {
-        let freedom = Freedom { intrinsics: options.free, tie_aspect: false, pose: i > 0 };
-        bundle.cameras.push(BundleCamera { model: *model, camera_from_rig: *pose, freedom });
+        let freedom = Freedom { intrinsics: options.free, pose: i > 0, ..Freedom::NOTHING };
+        bundle.cameras.push(BundleCamera::new(*model, *pose, freedom));
     }
     let mut view_of_block = Vec::new();
     for view in 0..names.len() {
@@ -174,17 +180,25 @@ pub fn calibrate_rig(
         else {
             continue;
         };
+        let instant = instant_ns(by.iter().map(|(_, s)| &s.from));
         for (camera, s) in by {
+            let (object, pixels) = (s.from.object.clone(), s.from.image.clone());
             bundle.sightings.push(Sighting {
-                camera,
-                block: bundle.blocks.len(),
-                object: s.object.clone(),
-                pixels: s.pixels.clone(),
+                motion: s.from.motion.clone(),
+                after_s: after_s(&s.from, instant),
+                ..Sighting::new(camera, bundle.blocks.len(), object, pixels)
             });
         }
         bundle.blocks.push(board);
         view_of_block.push(view);
     }
+    let clocks = find_clocks(&bundle);
+    for (camera, later_s) in bundle.cameras.iter_mut().zip(clocks) {
+        camera.later_s = later_s;
+        camera.freedom.clock = later_s != 0.0;
+    }
+    let unmoved = drop_unmoved(&mut bundle);
+    compact(&mut bundle, &mut view_of_block, refine);
     let rejected = reject(&mut bundle, &mut view_of_block, &names, cameras, refine)?;
     still_connected(cameras, &bundle)?;
     let all = || cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
@@ -233,6 +247,8 @@ pub fn calibrate_rig(
                 model: state.model,
                 camera_from_first: state.camera_from_rig,
                 covariance,
+                clock: clock_of(&bundle, &solution, i, variance),
+                unmoved: unmoved[i],
             })
         })
         .collect::<Result<_, CalibrationError>>()?;
@@ -262,11 +278,11 @@ pub fn calibrate_rig(
 /// How far, RMS in px, a board at `camera_from_board` is from what was seen.
 fn transfer_rms(model: &CameraModel, camera_from_board: &Transform<Camera, Board>, seen: &Seen) -> f64 {
     let mut squares = 0.0;
-    for (object, pixel) in seen.object.iter().zip(&seen.pixels) {
+    for (object, pixel) in seen.from.object.iter().zip(&seen.from.image) {
         let Some(at) = model.project(&(camera_from_board * Point::from(*object))) else { return 1e6 };
         squares += (at - pixel).norm_squared();
     }
-    (squares / seen.pixels.len() as f64).sqrt()
+    (squares / seen.from.image.len() as f64).sqrt()
 }
 
 /// First poses of all cameras, from the first: a tree of pairs, those with the most common points
@@ -289,7 +305,7 @@ fn chain(
             .filter(|&(_, b)| poses[b].is_none())
             .map(|(a, b)| {
                 let pairs = common(a, b);
-                (pairs.iter().map(|(s, t)| s.pixels.len().min(t.pixels.len())).sum::<usize>(), a, b)
+                (pairs.iter().map(|(s, t)| s.from.image.len().min(t.from.image.len())).sum::<usize>(), a, b)
             })
             .max_by_key(|&(points, a, b)| (points, std::cmp::Reverse((a, b))));
         let Some((points, a, b)) = best else { break };

@@ -7,7 +7,7 @@ use serde::{
     ser::SerializeMap,
 };
 
-use super::error::CalibrationError;
+use super::{error::CalibrationError, looks::looks_around};
 
 /// One picture's corners: points of the object in metres and their raw pixels, pair by pair.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +18,33 @@ pub struct View {
     pub object: Vec<Vector3<f64>>,
     /// Raw pixels.
     pub image: Vec<Vector2<f64>>,
+    /// Middle of the exposure, ns, as the camera's clock has it; where it is known.
+    pub stamp_ns: Option<u64>,
+    /// How each corner moves in the picture: of all corners, or of none.
+    pub motion: Vec<PixelMotion>,
+}
+
+/// How a corner moves in the picture about the instant of its view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelMotion {
+    /// px/s.
+    pub velocity: Vector2<f64>,
+    /// px/s².
+    pub acceleration: Vector2<f64>,
+}
+
+impl PixelMotion {
+    /// Where a corner seen at `pixel` was `ago_s` before.
+    pub fn before(&self, pixel: &Vector2<f64>, ago_s: f64) -> Vector2<f64> {
+        pixel - self.velocity * ago_s + self.acceleration * (0.5 * ago_s * ago_s)
+    }
+}
+
+impl View {
+    /// A view of which no instant is known.
+    pub const fn new(name: String, object: Vec<Vector3<f64>>, image: Vec<Vector2<f64>>) -> Self {
+        Self { name, object, image, stamp_ns: None, motion: Vec::new() }
+    }
 }
 
 /// All views of one camera.
@@ -49,6 +76,11 @@ struct RawCamera {
 struct RawView {
     object: Vec<[f64; 3]>,
     image: Vec<[f64; 2]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    stamp_ns: Option<u64>,
+    /// Velocity (px/s) and acceleration (px/s²) of each corner.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    motion: Vec<[f64; 4]>,
 }
 
 /// A JSON object whose order counts: the first camera is the one that the others refer to.
@@ -88,7 +120,9 @@ impl<T: Serialize> Serialize for Ordered<T> {
 }
 
 /// Reads a corner file: `{"cameras": {NAME: {"size": [w, h], "views": {VIEW: {"object": [[x,y,z]…],
-/// "image": [[u,v]…]}}}}}`, metres and pixels.
+/// "image": [[u,v]…]}}}}}`, metres and pixels. A view may have a `stamp_ns` beside them, the middle of its exposure:
+/// where the board moves, stamps show clocks that are off. How corners move then follows from the camera's views
+/// before and after, or stands in `motion`, `[[du/dt, dv/dt, d²u/dt², d²v/dt²]…]`.
 ///
 /// # Errors
 /// [`CalibrationError`] names the entry that does not fit.
@@ -117,14 +151,31 @@ pub fn read_corners(json: &str) -> Result<Vec<CameraViews>, CalibrationError> {
                             image: v.image.len(),
                         });
                     }
+                    if !v.motion.is_empty() && v.motion.len() != v.image.len() {
+                        return Err(CalibrationError::Unpaired {
+                            camera: camera.clone(),
+                            view: name,
+                            object: v.motion.len(),
+                            image: v.image.len(),
+                        });
+                    }
+                    let motion = v.motion.into_iter().map(|[u, v, uu, vv]| PixelMotion {
+                        velocity: Vector2::new(u, v),
+                        acceleration: Vector2::new(uu, vv),
+                    });
                     Ok(View {
                         name,
                         object: v.object.into_iter().map(Vector3::from).collect(),
                         image: v.image.into_iter().map(Vector2::from).collect(),
+                        stamp_ns: v.stamp_ns,
+                        motion: motion.collect(),
                     })
                 })
-                .collect::<Result<_, _>>()?;
-            Ok(CameraViews { name: camera, size: (c.size[0], c.size[1]), views })
+                .collect::<Result<Vec<View>, _>>()?;
+            let mut camera = CameraViews { name: camera, size: (c.size[0], c.size[1]), views };
+            let looks = camera.views.clone();
+            looks_around(&mut camera.views, &looks);
+            Ok(camera)
         })
         .collect()
 }
@@ -140,6 +191,12 @@ pub fn write_corners(cameras: &[CameraViews]) -> String {
                         let raw = RawView {
                             object: v.object.iter().map(|p| (*p).into()).collect(),
                             image: v.image.iter().map(|p| (*p).into()).collect(),
+                            stamp_ns: v.stamp_ns,
+                            motion: v
+                                .motion
+                                .iter()
+                                .map(|m| [m.velocity.x, m.velocity.y, m.acceleration.x, m.acceleration.y])
+                                .collect(),
                         };
                         (v.name.clone(), raw)
                     });

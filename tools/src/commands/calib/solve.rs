@@ -189,6 +189,20 @@ fn print_rig(rig: &RigCalibration) {
             c.baseline_sd_m()
         );
     }
+    for c in &rig.cameras {
+        let Some(clock) = &c.clock else { continue };
+        let left_out = match c.unmoved {
+            0 => String::new(),
+            n => format!("; {n} of its views, in which nothing tells how the board moved, are left out"),
+        };
+        println!(
+            "  {}: exposed {:.1} ± {:.1} ms {} than the others' frames of the same stamp: its clock is off, and was made good here{left_out}",
+            c.name,
+            1e3 * clock.later_s.abs(),
+            1e3 * clock.sd_s,
+            if clock.later_s > 0.0 { "later" } else { "earlier" },
+        );
+    }
     for r in &rig.rejected {
         let camera = r.camera.as_deref().unwrap_or("both cameras");
         println!("  rejected: view {} of {camera}: {}", r.view, r.reason());
