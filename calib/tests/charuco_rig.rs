@@ -89,7 +89,7 @@ fn calibrate(shots: Vec<Shot>, detector: &Arc<Detector>) -> RigCalibration {
 
 /// Every second instant calibrates; how the board moves in it is told by those alone, too. The others judge.
 const fn is_used(instant: usize) -> bool {
-    instant % 2 == 0
+    instant.is_multiple_of(2)
 }
 
 /// Views of the other shots, as simultaneous as the session asks for; all shots tell how the board moves in
