@@ -209,6 +209,17 @@ impl RigEdit {
         self.document["table"] = Item::Table(pose_table(rotation, translation_m, sigma, note));
     }
 
+    /// Sets a key of `[flight]`; `remark` stands behind it as a comment, and replaces what stood there.
+    pub fn set_flight(&mut self, key: &str, number: f64, remark: &str) {
+        let flight = self.document.entry("flight").or_insert(Item::Table(Table::new()));
+        let mut number = Value::from(number);
+        // A table in one line has no room for comments.
+        if !remark.is_empty() && flight.is_table() {
+            number.decor_mut().set_suffix(format!(" # {remark}"));
+        }
+        flight[key] = Item::Value(number);
+    }
+
     /// The file's text as it would be written.
     pub fn text(&self) -> String {
         self.document.to_string()
@@ -308,10 +319,15 @@ mod tests {
         assert_eq!(edit.intrinsics("left"), Some(model));
         let turn = nalgebra::Rotation3::new(Vector3::new(2.0, 0.1, -0.3));
         edit.set_table(turn.matrix(), &Vector3::new(0.1, 0.2, 2.0), None, Some(&note));
+        edit.set_flight("friction", 0.5, "a first guess");
+        edit.set_flight("friction", 0.21, "± 0.01");
+        edit.set_flight("drag", 0.44, "");
+        assert!(edit.text().contains("friction = 0.21 # ± 0.01\n"), "{}", edit.text());
         edit.save().expect("written");
 
         let rig = Rig::load(&path).expect("complete now");
         assert_eq!(rig.cameras[0].model, model);
+        assert_eq!((rig.flight.friction, rig.flight.drag), (0.21, 0.44));
         assert_eq!(RigEdit::open(&path).expect("TOML").intrinsics("left"), Some(model));
         assert_eq!(edit.intrinsics("right"), None);
         assert_eq!(

@@ -17,12 +17,12 @@ impl Default for Tuning {
     fn default() -> Self {
         Self {
             noise: ModelNoise {
-                acceleration: 0.034,
-                spin: 38.0,
-                bounce: BounceScatter { normal: 0.0125, tangential: 0.1, tangential_floor_m_s: 0.021 },
+                acceleration: 0.04,
+                spin: 80.0,
+                bounce: BounceScatter { normal: 0.0125, tangential: 0.12, tangential_floor_m_s: 0.021 },
             },
             latitude: Latitude {
-                drag: 0.13,
+                drag: 0.052,
                 restitution: 0.026,
                 slant_m_s2: 0.2,
                 friction: 0.25,

@@ -34,6 +34,10 @@ const SPIN_AFTER_S: f64 = 0.3;
 const LEAST_SPIN_RAD_S: f64 = 60.0;
 /// The hitting plane of a recorded flight lies where it is after this share of its time.
 const PLANE_AT: f64 = 0.85;
+/// Positions on each side of the hitting plane that tell how the ball passes it.
+const HITTING_SIDE: usize = 3;
+/// What passes the hitting plane more slowly is not on its way to a racket, m/s.
+const SLOWEST_HITTING_M_S: f64 = 1.0;
 /// A table frame's origin whose height was measured on the ball rather than on the table is off by less, m.
 const SAME_FRAME_M: f64 = 0.05;
 
@@ -170,7 +174,7 @@ pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option
 
 /// How much larger the errors of positions are than their scatter from one to the next shows: slow
 /// errors (of calibration, of a camera that takes over) are common to neighbours. Found with the tuning.
-const SLOW_ERRORS: f64 = 1.5;
+const SLOW_ERRORS: f64 = 2.35;
 
 /// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
 /// shows it: from third differences, which no flight has, by their median size.
@@ -362,6 +366,14 @@ fn evaluate_flight(
     }
 }
 
+/// Whether a ball with these positions flies at the plane y = …, rather than along it: what has been caught, or
+/// creeps along a wall, passes nowhere that anybody would hit it.
+fn is_hitting(samples: &[Sample]) -> bool {
+    let [first, .., last] = samples else { return false };
+    let moved = last.position - first.position;
+    moved.y.abs() > moved.x.abs() && moved.y.abs() > SLOWEST_HITTING_M_S * (last.t_s - first.t_s)
+}
+
 /// Compares the predicted crossing of the plane y = `y` with the true one, if that is still to come.
 fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, recording: u64, result: &mut Evaluation) {
     let crosses = |w: &[Sample]| (w[0].position.y - y) * (w[1].position.y - y) <= 0.0;
@@ -371,6 +383,10 @@ fn judge_hitting(flight: &[Sample], k: usize, y: f64, said: &Said, recording: u6
         return;
     }
     let truth = w[0].position + (w[1].position - w[0].position) * share;
+    let place = flight.partition_point(|s| s.t_s < w[0].t_s);
+    if !is_hitting(&flight[place.saturating_sub(HITTING_SIDE)..flight.len().min(place + HITTING_SIDE + 1)]) {
+        return;
+    }
     let ahead_s = w[0].t_s + share * (w[1].t_s - w[0].t_s) - flight[k].t_s;
     let (error, sigma_m, weight) =
         said.hitting.map_or((f64::INFINITY, f64::INFINITY, 1.0), |(p, sigma_m, weight)| {

@@ -1,8 +1,9 @@
-//! `--fit`: physical constants from recorded flights, as lines for the rig file.
+//! `--fit`: physical constants from recorded flights, into the rig file.
 
 use std::{fs, path::Path};
 
 use nalgebra::Vector3;
+use netcord_common::rig::RigEdit;
 use netcord_detect::flight::recorded::{
     EvaluateOptions, FITTED_NAMES, FitSet, HORIZONS_MS, find_noise, find_table, fit, fitted_values,
 };
@@ -14,13 +15,24 @@ use crate::{
     terminal::LiveLines,
 };
 
-/// Fits, prints the `[flight]` lines of a rig file, and writes the report.
+/// What is written beside what is printed.
+#[derive(Debug, Clone, Copy)]
+pub struct Outputs<'a> {
+    /// The figures, as JSON.
+    pub report: Option<&'a Path>,
+    /// The rig file that is given the constants.
+    pub rig: Option<&'a Path>,
+}
+
+/// Fits, prints the `[flight]` lines of a rig file, and writes the report and the rig file.
 pub fn run(
     sets: &[Set],
     options: &EvaluateOptions,
     sigma_m: Option<f64>,
-    report: Option<&Path>,
+    outputs: Outputs<'_>,
 ) -> CommandResult {
+    // A rig file that cannot be written to is told of before minutes are spent.
+    let rig = outputs.rig.map(RigEdit::open).transpose()?;
     let sets: Vec<FitSet<'_>> = sets
         .iter()
         .map(|set| {
@@ -65,7 +77,7 @@ pub fn run(
         line(&errors_before),
         line(&errors_after)
     );
-    if let Some(path) = report {
+    if let Some(path) = outputs.report {
         let report = json!({
             "constants": constants,
             "recordings": { "fitted": fitted, "held_out": held },
@@ -74,5 +86,20 @@ pub fn run(
         });
         fs::write(path, format!("{:#}\n", Value::clone(&report)))?;
     }
+    if let Some(mut edit) = rig {
+        for ((name, value), sigma) in FITTED_NAMES.iter().zip(fitted_values(c)).zip(found.sigma) {
+            edit.set_flight(name, rounded(value), &format!("± {sigma:.4}, fitted to {fitted} recordings"));
+        }
+        edit.set_flight("gravity_m_s2", c.gravity_m_s2, "");
+        edit.clone().with_nominal_calibration().resolve()?;
+        edit.save()?;
+        let path = outputs.rig.unwrap_or(Path::new(""));
+        println!("# written to {}; the old one is kept beside it as .bak", path.display());
+    }
     Ok(Outcome::Good)
+}
+
+/// As it is printed: further digits mean nothing.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
 }

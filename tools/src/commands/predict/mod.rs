@@ -37,6 +37,11 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "FLIGHTS", conflicts_with = "evaluate")]
     fit: Vec<PathBuf>,
 
+    /// Writes what --fit found into the [flight] table of this rig file; the old file is kept as RIG.toml.bak.
+    /// The fit starts from the constants of --rig, or else of this file.
+    #[arg(long, value_name = "RIG.toml", requires = "fit")]
+    write: Option<PathBuf>,
+
     /// Where the figures of --evaluate or --fit are written, as JSON; a plot of the errors beside it, as PNG.
     #[arg(long, value_name = "R.json")]
     report: Option<PathBuf>,
@@ -54,7 +59,7 @@ pub struct Args {
 impl Args {
     fn evaluate_options(&self) -> Result<EvaluateOptions, netcord_common::rig::RigError> {
         let mut options = EvaluateOptions { table_z_m: self.table_z, ..EvaluateOptions::default() };
-        if let Some(path) = &self.rig {
+        if let Some(path) = self.rig.as_ref().or(self.write.as_ref()) {
             let rig = Rig::load(path)?;
             (options.constants, options.ball) = (rig.flight, rig.ball);
         }
@@ -70,7 +75,8 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if !args.fit.is_empty() {
         let sets = files::load(&args.fit)?;
-        return fit::run(&sets, &args.evaluate_options()?, args.sigma, args.report.as_deref());
+        let outputs = fit::Outputs { report: args.report.as_deref(), rig: args.write.as_deref() };
+        return fit::run(&sets, &args.evaluate_options()?, args.sigma, outputs);
     }
     let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;
     let rig = RigArgs { rig, domain: args.domain.clone() };
