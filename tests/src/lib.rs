@@ -4,12 +4,14 @@
 //! - A [`Lab`] is a domain and a folder of its own, of which nothing stays.
 //! - [`Running`] is a process under a watchdog; it ends with its owner.
 //! - [`Page`] asks a calibration session's page; [`Browser`] is Chromium; a [`Photographer`] takes pictures of boards.
+//! - [`Lockstep`] is the stages without processes and without a clock.
 //! - [`Watch`] sees a domain's messages; [`Copies`] counts large copies inside processes.
 
 mod browser;
 mod copies;
 mod executable;
 mod lab;
+mod lockstep;
 mod page;
 mod photographer;
 mod running;
@@ -19,6 +21,7 @@ pub use browser::Browser;
 pub use copies::{Copies, CopyCount};
 pub use executable::executable;
 pub use lab::Lab;
+pub use lockstep::{Lockstep, Searched};
 pub use page::Page;
 pub use photographer::Photographer;
 pub use running::{Ended, Running, signal_process};

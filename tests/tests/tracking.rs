@@ -9,15 +9,11 @@ use netcord_capture::synthetic::{
     scene::{Preset, Scene, SceneOptions},
 };
 use netcord_common::{
-    FrameView,
     rig::Rig,
-    wire::{CameraTruth, Detections, FrameHeader, Scope, SearchWindow, Stamps},
+    wire::{BallPosition, CameraTruth, FrameHeader, Stamps},
 };
-use netcord_detect::{
-    flight::{PredictOptions, Predictor},
-    segment::{SegmentOptions, Segmenter},
-    triangulate::{Matcher, TriangulateOptions},
-};
+use netcord_detect::segment::SegmentOptions;
+use netcord_tests::Lockstep;
 
 /// Triggers in which the background and the ball's colour are learnt; they are not judged.
 const WARM_UP: u64 = 20;
@@ -47,64 +43,6 @@ impl Tally {
     }
 }
 
-/// The stages of a rig, and the windows that they were last told to search.
-struct Pipeline {
-    rig: Rig,
-    segmenters: Vec<Segmenter>,
-    matcher: Matcher,
-    predictor: Predictor,
-    windows: Vec<Option<SearchWindow>>,
-}
-
-impl Pipeline {
-    fn new(rig: Rig) -> Self {
-        let segmenters = (0..rig.cameras.len())
-            .map(|camera| {
-                Segmenter::new(&rig, camera, SegmentOptions::default()).expect("the example rig is valid")
-            })
-            .collect();
-        Self {
-            segmenters,
-            matcher: Matcher::new(&rig, &TriangulateOptions::default()),
-            predictor: Predictor::new(&rig, PredictOptions::default()),
-            windows: vec![None; rig.cameras.len()],
-            rig,
-        }
-    }
-
-    /// One camera's messages on one frame, window search first.
-    fn search(&mut self, camera: usize, header: &FrameHeader, bytes: &[u8]) -> Vec<Detections> {
-        let model = &self.rig.cameras[camera].model;
-        let size = (model.width as usize, model.height as usize);
-        let format = self.rig.cameras[camera].pixel_format;
-        let view = FrameView::new(bytes, size, size.0, format).expect("a whole frame");
-        let mut messages = Vec::new();
-        let window = self.windows[camera].as_ref();
-        self.segmenters[camera]
-            .process(header, &view, window, &mut |found| messages.push(*found))
-            .expect("the camera's own frame");
-        messages
-    }
-
-    /// The position of one trigger, if any, from all cameras' messages; and the windows for the next.
-    fn conclude(&mut self, messages: &[Detections], now_ns: u64) -> Option<Vector3<f64>> {
-        let mut position = None;
-        for scope in [Scope::Window, Scope::Full] {
-            messages.iter().filter(|m| m.scope == scope.code()).for_each(|m| self.matcher.offer(m, now_ns));
-            while let Some(found) = self.matcher.next(now_ns) {
-                position = Some(found);
-            }
-        }
-        let position = position?;
-        self.predictor.update(&position);
-        let next = position.stamps.mid_exposure_ns + self.rig.interval_ns();
-        for (slot, window) in self.windows.iter_mut().zip(self.predictor.windows(next)) {
-            *slot = Some(window);
-        }
-        position.is_present().then(|| position.position_m.into())
-    }
-}
-
 fn track(preset: Preset, seed: u64) -> Tally {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
     let rig = Rig::load(&path).expect("the example rig is valid");
@@ -112,15 +50,15 @@ fn track(preset: Preset, seed: u64) -> Tally {
     let scene = Arc::new(Scene::new(&rig, &options).expect("a rally needs no file"));
     let mut renderers: Vec<_> = rig.cameras.iter().map(|camera| FrameRenderer::new(&scene, camera)).collect();
     let interval_ns = rig.interval_ns();
-    let mut pipeline = Pipeline::new(rig);
+    let mut stages = Lockstep::new(rig, &SegmentOptions::default());
     let mut tally = Tally::default();
     let mut mosaic = Vec::new();
     for n in 0..TRIGGERS {
         let at_ns = 1_000_000_000 + n * interval_ns;
-        let mut messages = Vec::new();
+        let mut searched = Vec::with_capacity(renderers.len());
         let mut seen = 0;
         for camera in 0..renderers.len() {
-            let own = &pipeline.rig.cameras[camera];
+            let own = &stages.rig.cameras[camera];
             let exposure_ns = scene.exposure_ns.unwrap_or(own.exposure_ns);
             mosaic.resize((own.model.width * own.model.height) as usize, 0);
             let exposure =
@@ -134,9 +72,10 @@ fn track(preset: Preset, seed: u64) -> Tally {
                 stamps: Stamps { mid_exposure_ns: at_ns, mid_exposure_host_ns: at_ns, ..Stamps::default() },
                 ..FrameHeader::default()
             };
-            messages.extend(pipeline.search(camera, &header, &mosaic));
+            searched.push(stages.search(camera, &header, &mosaic));
         }
-        let found = pipeline.conclude(&messages, at_ns);
+        let found = stages.conclude(&searched, at_ns).map(|(position, _)| position);
+        let found = found.filter(BallPosition::is_present).map(|p| Vector3::from(p.position_m));
         if n < WARM_UP {
             continue;
         }
