@@ -5,7 +5,7 @@ use std::time::Duration;
 use netcord_common::{
     FrameView,
     rig::Rig,
-    wire::{Detections, FrameHeader, BallPosition, Scope, SearchWindow},
+    wire::{BallPosition, Detections, FrameHeader, Scope, SearchWindow},
 };
 use netcord_detect::{
     flight::{PredictOptions, Predictor},

@@ -5,6 +5,7 @@ use std::{sync::Arc, time::Duration};
 use netcord_common::{
     Clock, Counters, HealthReporter, MonotonicClock, Shutdown,
     bus::{Bus, BusError, SequenceGaps, Topic},
+    realtime,
     rig::Rig,
     wire::{ProcessState, TrajectoryOutcome},
 };
@@ -13,6 +14,9 @@ use super::{PredictOptions, Predictor};
 
 /// How long the loop waits before it looks at the shutdown flag again; also how late counters may be.
 const PATIENCE: Duration = Duration::from_millis(50);
+
+/// A position takes a tenth of a millisecond or two, and comes before the rest of a frame that is searched.
+const TURN: Duration = Duration::from_micros(200);
 
 /// Reads `ball/position` and writes `ball/trajectory` and the cameras' search windows until `stop` is
 /// requested. `on_ready` is called once, when all ends are open. No allocation, file access or log line
@@ -43,6 +47,7 @@ pub fn run(
     let mut predictor = Predictor::new(rig, options);
     let mut gaps = SequenceGaps::new();
     let mut newest_ns = 0;
+    realtime::take_short_turns(TURN);
     counters.set_state(ProcessState::Running);
     health.publish(clock.now().as_ns())?;
     on_ready();

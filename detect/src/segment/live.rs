@@ -13,6 +13,7 @@ use netcord_common::{
     CameraName, Clock, Count, Counters, FrameView, FrameViewError, HealthReporter, MonotonicClock, Shutdown,
     allocations,
     bus::{Bus, BusError, FrameSubscriber, Publisher, SequenceGaps, Subscriber, Topic},
+    realtime,
     rig::{Rig, RigCamera},
     wire::{Detections, FrameHeader, ProcessState, Scope, SearchWindow},
 };
@@ -26,6 +27,10 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 /// Frames that may wait for one camera's thread: a hiccup of three frames loses nothing, and what is behind
 /// by more than that is dropped, oldest first, rather than carried along as latency.
 const QUEUE: usize = 4;
+
+/// Shorter than other programs' turns, of which none then keeps a frame waiting; longer than those of the stages
+/// that follow, which need not wait for the rest of a frame.
+const TURN: Duration = Duration::from_millis(1);
 
 /// How the stage runs, beside what it looks for.
 #[derive(Debug, Clone, Default)]
@@ -95,6 +100,7 @@ pub fn run(
         for watcher in &mut watchers {
             let (ended, failure) = (&ended, &failure);
             scope.spawn(move || {
+                realtime::take_short_turns(TURN);
                 while !ended.load(Ordering::Relaxed) {
                     if let Err(error) = watcher.next() {
                         failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);

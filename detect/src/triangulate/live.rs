@@ -5,6 +5,7 @@ use std::{sync::Arc, time::Duration};
 use netcord_common::{
     Clock, Count, Counters, HealthReporter, MonotonicClock, Shutdown, allocations,
     bus::{Bus, BusError, Listen, SequenceGaps, Topic, wait_any},
+    realtime,
     rig::Rig,
     wire::{BallPosition, MAX_CAMERAS, ProcessState},
 };
@@ -13,6 +14,9 @@ use super::{Matcher, TriangulateOptions, matcher::MatcherCounts};
 
 /// How long the loop sleeps at most, so that it sees a request to stop.
 const LONGEST_WAIT: Duration = Duration::from_millis(100);
+
+/// A position takes a few microseconds, and comes before the rest of a frame that another thread searches.
+const TURN: Duration = Duration::from_micros(100);
 
 /// Runs the triangulator of a rig until `stop` is requested; `on_ready` is called once, when it listens. Counts on `rig/health` what was lost and why.
 ///
@@ -42,6 +46,7 @@ pub fn run(
     let clock = MonotonicClock;
     let mut distrusted = 0;
 
+    realtime::take_short_turns(TURN);
     counters.set_state(ProcessState::Running);
     health.publish(clock.now().as_ns())?;
     on_ready();
