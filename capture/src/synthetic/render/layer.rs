@@ -104,6 +104,7 @@ impl Layer {
 
     /// Paints the part of row `y` that lies in columns `xs` over `means`, which are those columns', in light
     /// that is dimmed by `gain`; says whether there was anything to be painted.
+    #[inline(always)]
     pub fn blend(&self, y: usize, xs: Range<usize>, gain: f32, means: &mut [f32]) -> bool {
         let covered = self.covered(y);
         let (start, end) = (covered.start.max(xs.start), covered.end.min(xs.end));

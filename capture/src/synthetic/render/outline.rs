@@ -59,6 +59,55 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Beyond so many standard deviations an edge is fully in or out: 0.3 % of a step.
 pub const EDGE_SIGMAS: f64 = 3.0;
 
+/// Rectangles of more pixels than this are drawn as close as can be.
+const LARGE_PX2: i64 = 64 * 64;
+
+/// The pixels that an ellipsoid with these half-axes (columns, in the camera's frame) may touch inside the frame, and
+/// `margin` more. `None` where the lens model does not hold at some corner of it.
+fn bounds(model: &CameraModel, centre: &Vector3<f64>, axes: &Matrix3<f64>, margin: f64) -> Option<Rect> {
+    // The planes x = k z that touch the ellipsoid: (n·c)² = |Aᵀ n|² with n = (1, 0, −k), and so for y.
+    let touching = |axis: usize| {
+        let (own, deep) = (axes.row(axis), axes.row(2));
+        let a = centre.z * centre.z - deep.norm_squared();
+        let b = centre[axis] * centre.z - own.dot(&deep);
+        let c = centre[axis] * centre[axis] - own.norm_squared();
+        let root = (b * b - a * c).max(0.0).sqrt();
+        ((b - root) / a, (b + root) / a)
+    };
+    // No farther out than the frame reaches.
+    let (width, height) = (f64::from(model.width), f64::from(model.height));
+    let mut frame = [(f64::MAX, f64::MIN); 2];
+    for (x, y) in
+        [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.5), (0.0, 1.0), (0.5, 1.0), (1.0, 1.0)]
+    {
+        let ray = model.undistort(&Vector2::new(x * width, y * height))?;
+        for (range, at) in frame.iter_mut().zip([ray.x, ray.y]) {
+            *range = (range.0.min(at), range.1.max(at));
+        }
+    }
+    let within = |(low, high): (f64, f64), (least, most): (f64, f64)| {
+        (low.clamp(least, most), high.clamp(least, most))
+    };
+    let (left, right) = within(touching(0), frame[0]);
+    let (top, bottom) = within(touching(1), frame[1]);
+    let (mut low, mut high) = (Vector2::repeat(f64::MAX), Vector2::repeat(f64::MIN));
+    for step in 0..=EDGE_STEPS {
+        let share = f64::from(step) / f64::from(EDGE_STEPS);
+        let (x, y) = (left + share * (right - left), top + share * (bottom - top));
+        for ray in [(x, top), (x, bottom), (left, y), (right, y)] {
+            let pixel = model.project(&Point::from(Vector3::new(ray.0, ray.1, 1.0)))?;
+            (low, high) = (low.inf(&pixel), high.sup(&pixel));
+        }
+    }
+    let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+    // What an edge bulges between two of its places.
+    let half = half * 1.02 + Vector2::repeat(margin);
+    Some(Rect::around((middle.x, middle.y), (half.x, half.y)))
+}
+
+/// Parts of each side of a rectangle of rays whose ends are looked at.
+const EDGE_STEPS: u32 = 4;
+
 impl Outline {
     /// How `camera` sees `body`; `None` when it is behind the camera, around it, or outside the model's
     /// field of view.
@@ -85,6 +134,10 @@ impl Outline {
         let narrow_px = half.singular_values().min();
         let edge = EDGE_SIGMAS * blur_px * 1.33 / narrow_px;
         let half = (half.row(0).norm() * near + margin, half.row(1).norm() * near + margin);
+        let loose = Rect::around((projected.pixel.x, projected.pixel.y), half);
+        // Exact bounds take longer than the pixels of a small body.
+        let large = (loose.x1 - loose.x0) * (loose.y1 - loose.y0) > LARGE_PX2;
+        let tight = if large { bounds(model, &centre.coords, &axes, margin) } else { None };
         let normalised = centre.coords.xy() / z;
         let (_, lens) = model.distort_with_jacobian(&normalised)?;
         let to_pixel = Matrix2::from_diagonal(&Vector2::new(model.fx, model.fy)) * lens;
@@ -101,7 +154,7 @@ impl Outline {
             blur_px,
             #[cfg(test)]
             image: projected.pixel,
-            rect: Rect::around((projected.pixel.x, projected.pixel.y), half),
+            rect: tight.unwrap_or(loose),
             depth_m: z,
         })
     }
@@ -261,6 +314,37 @@ mod tests {
         assert!(((point - body.centre).norm() - 0.02).abs() < 1e-6);
         assert!((seen.normal - (point - body.centre) / 0.02).norm() < 1e-4);
         assert!(seen.normal.dot(&point) < 0.0, "faces the camera");
+    }
+
+    #[test]
+    fn the_rectangle_of_a_large_body_holds_all_of_it_and_little_else() {
+        let model = camera();
+        let paint = Paint::plain([1.0; 3]);
+        let here = Transform::<Camera, World>::identity();
+        for body in [
+            Body::upright(Vector3::new(0.2, -0.3, 2.0), [0.24, 0.16, 0.34], paint),
+            // Far out, where the frame cuts it.
+            Body::upright(Vector3::new(-1.1, 0.3, 0.9), [0.24, 0.16, 0.34], paint),
+            Body::limb(Vector3::new(0.9, 0.2, 1.0), Vector3::new(0.7, 0.5, 1.3), 0.05, paint),
+        ] {
+            let outline = Outline::new(&model, &here, &body, 0.5).expect("in view");
+            let Rect { x0, y0, x1, y1 } = outline.rect;
+            let (mut inside, mut found) =
+                (Rect { x0: i64::MAX, y0: i64::MAX, x1: i64::MIN, y1: i64::MIN }, 0);
+            for (x, y) in (0..1200).flat_map(|y| (0..1920).map(move |x| (x, y))) {
+                let n = model.undistort(&Vector2::new(x as f64, y as f64)).expect("in view");
+                if outline.covered([n.x as f32, n.y as f32]).is_some() {
+                    found += 1;
+                    inside = inside.hull(&Rect { x0: x, y0: y, x1: x + 1, y1: y + 1 });
+                }
+            }
+            assert!(found > 2000, "{found}");
+            assert!(x0 <= inside.x0 && y0 <= inside.y0 && x1 >= inside.x1 && y1 >= inside.y1);
+            let (columns, rows) = outline.rect.within(1920, 1200);
+            let needed = (inside.x1 - inside.x0) * (inside.y1 - inside.y0);
+            let given = (columns.len() * rows.len()) as i64;
+            assert!(given < needed * 5 / 4, "{given} px for {needed}");
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::{
 use crate::synthetic::scene::{Light, Paint, Scene, Texture};
 
 /// How far from its end in the row above an outline's end is looked for first, px.
-const NEAR_PX: usize = 16;
+const NEAR_PX: usize = 8;
 
 /// Works out what bodies add to the picture. In single precision and row by row, in loops without branches that
 /// the compiler makes vector instructions of: a tenth of the time that the plain way takes, and equal to it (see

@@ -139,6 +139,24 @@ impl Set {
 
     /// Paints the tiles that were touched anew.
     fn compose(&mut self, view: &View) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2, as was just asked.
+            unsafe { self.compose_avx2(view) };
+            return;
+        }
+        self.compose_here(view);
+    }
+
+    /// The same code, compiled for AVX2: twice as many pixels at a time, with the same results.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn compose_avx2(&mut self, view: &View) {
+        self.compose_here(view);
+    }
+
+    #[inline(always)]
+    fn compose_here(&mut self, view: &View) {
         let Self { means, actors, order, stale, is_stale, dressed, .. } = self;
         for tile in stale.drain(..) {
             is_stale[tile as usize] = false;
