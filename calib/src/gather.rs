@@ -37,12 +37,14 @@ pub enum Rejection {
     /// It cannot be read.
     #[error("it cannot be read as a picture: {0}")]
     Unreadable(String),
-    /// It has another size than the others.
-    #[error("it is {found:?} px, but most pictures of this camera are {expected:?} px")]
+    /// It has another size than the camera's others.
+    #[error(
+        "it is {} × {} px, but this camera's pictures are {} × {} px", .found.0, .found.1, .expected.0, .expected.1
+    )]
     Size {
         /// Its size.
         found: (u32, u32),
-        /// That of most pictures.
+        /// That of its lens as calibrated, or else of most pictures.
         expected: (u32, u32),
     },
     /// There is no board.

@@ -74,6 +74,7 @@ fn three_cameras_agree_and_the_fourth_is_named_with_its_clocks_error() {
         assert_eq!(names, ["camera 0"]);
         for c in &found.cameras {
             assert!(c.rms_px <= 0.5, "{}: {} px", c.name, c.rms_px);
+            assert!(c.median_px <= 0.25, "{}: {} px", c.name, c.median_px);
         }
         // Independently, by essential matrices of pairs of cameras alone: 7 to 9 ms.
         let delay = found.inconsistent[0].delay.expect("a clock's error explains it");

@@ -39,7 +39,8 @@ pub enum CalibrationError {
     },
     /// Not enough views.
     #[error(
-        "camera {camera}: {found} usable views; at least {needed} are needed, better 10 to 30 at many tilts"
+        "camera {camera}: too few usable views: {found}; at least {needed} that differ from each other are needed, better 10 to \
+         30 at many tilts"
     )]
     TooFewViews {
         /// The camera.
@@ -115,7 +116,7 @@ pub enum CalibrationError {
         others: String,
     },
     /// Too few cameras.
-    #[error("{found} cameras; {needed} are needed")]
+    #[error("too few cameras: {found}; {needed} are needed")]
     CameraCount {
         /// Cameras given.
         found: usize,

@@ -31,6 +31,15 @@ pub struct MovingPoints {
 }
 
 impl MovingPoints {
+    /// Without the points that the picture's edge may cut: the middle of what is left of a blob is not its centre.
+    fn whole(&self) -> Self {
+        let (w, h) = (f64::from(self.model.width), f64::from(self.model.height));
+        let inside = |p: &Vector2<f64>| {
+            (CUT_PX..w - CUT_PX).contains(&(p.x + 0.5)) && (CUT_PX..h - CUT_PX).contains(&(p.y + 0.5))
+        };
+        Self { pixels: self.pixels.iter().map(|p| p.filter(inside)).collect(), ..self.clone() }
+    }
+
     /// With velocities from the instants before and after, s; at each there are `markers` points. Beside a gap
     /// none is known.
     #[must_use]
@@ -105,6 +114,8 @@ pub struct Inconsistent {
 
 /// A residual, in px, beyond which a point in motion does not support a pose in the search for a start.
 pub(super) const OUTLIER_PX: f64 = 2.0;
+/// Markers nearer than this to the picture's edge, px, are left out: they are ten pixels and more across.
+const CUT_PX: f64 = 8.0;
 /// Robust standard deviations from which a point is an outlier in the end.
 const OUTLIER_SIGMAS: f64 = 5.0;
 /// Fewest common points of a pair of cameras.
@@ -132,6 +143,7 @@ pub fn calibrate_motion(
     if cameras.len() < 2 {
         return Err(CalibrationError::CameraCount { found: cameras.len(), needed: "at least two" });
     }
+    let cameras: &[MovingPoints] = &cameras.iter().map(MovingPoints::whole).collect::<Vec<_>>();
     let all: Vec<usize> = (0..cameras.len()).collect();
     let mut inconsistent: Vec<Inconsistent> = Vec::new();
     let mut members = all;

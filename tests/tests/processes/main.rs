@@ -5,6 +5,7 @@ mod copies;
 mod demo;
 mod faults;
 mod kill;
+mod pictures;
 mod refusals;
 mod replay;
 mod scripts;

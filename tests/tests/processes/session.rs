@@ -18,7 +18,7 @@ use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 use toml_edit::{DocumentMut, value};
 
-const BOARD: &str = "charuco:6x4:DICT_4X4_50:120mm:90mm";
+pub(super) const BOARD: &str = "charuco:6x4:DICT_4X4_50:120mm:90mm";
 
 fn board() -> CalibrationBoard {
     CalibrationBoard::parse(BOARD, |_| Err(String::new())).expect("valid")
@@ -41,7 +41,7 @@ fn shrink(document: &mut DocumentMut, by: i64) {
 const FEWER: i64 = 2;
 
 /// The rig as it is, in `truth.toml`, and a file of the same rig whose cameras have lost `lost` of their tables.
-fn rigs(lab: &Lab, lost: &[&str]) -> (Rig, PathBuf) {
+pub(super) fn rigs(lab: &Lab, lost: &[&str]) -> (Rig, PathBuf) {
     let path = lab.rig_file(|document| shrink(document, FEWER));
     fs::copy(&path, lab.path("truth.toml")).expect("copied");
     let truth = Lab::load(&path);
@@ -58,10 +58,10 @@ fn rigs(lab: &Lab, lost: &[&str]) -> (Rig, PathBuf) {
 }
 
 /// Nobody has calibrated anything yet.
-const ALL: [&str; 2] = ["intrinsics", "pose"];
+pub(super) const ALL: [&str; 2] = ["intrinsics", "pose"];
 
 /// Where a person would hold the board: a tour before all cameras.
-fn places(rig: &Rig) -> Vec<Transform<World, Board>> {
+pub(super) fn places(rig: &Rig) -> Vec<Transform<World, Board>> {
     let csv = BoardPath::tour(rig, &board()).to_csv();
     let stop = |line: &str| {
         let n: Vec<f64> = line.split(',').map(|v| v.parse().expect("a number")).collect();
@@ -73,7 +73,7 @@ fn places(rig: &Rig) -> Vec<Transform<World, Board>> {
 }
 
 /// Pictures of the board at `places` by each camera that sees it, in a folder of each camera's name.
-fn photograph(lab: &Lab, rig: &Rig, places: &[Transform<World, Board>]) {
+pub(super) fn photograph(lab: &Lab, rig: &Rig, places: &[Transform<World, Board>]) {
     for camera in &rig.cameras {
         let folder = lab.path(camera.name.as_str());
         fs::create_dir(&folder).expect("a folder");
@@ -88,7 +88,7 @@ fn photograph(lab: &Lab, rig: &Rig, places: &[Transform<World, Board>]) {
     }
 }
 
-fn start(lab: &Lab, rig: &Path, more: &[&str]) -> (Running, Page, String) {
+pub(super) fn start(lab: &Lab, rig: &Path, more: &[&str]) -> (Running, Page, String) {
     let rig = rig.display().to_string();
     let mut arguments = vec!["calib", "session", &rig, "--board", BOARD, "--port", "0"];
     arguments.extend(more);

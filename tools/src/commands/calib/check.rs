@@ -111,8 +111,8 @@ fn views_of(rig: &CalibratedRig, spec: &str, images: &[String]) -> Result<Vec<Ca
         let place = rig.place(&found.name)?;
         if found.size != views[place].size {
             return Err(format!(
-                "camera {}: the pictures are {:?} px, the rig file says {:?} px",
-                found.name, found.size, views[place].size
+                "camera {}: the pictures are {} × {} px, the rig file says {} × {}",
+                found.name, found.size.0, found.size.1, views[place].size.0, views[place].size.1
             )
             .into());
         }

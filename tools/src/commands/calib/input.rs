@@ -115,7 +115,10 @@ fn solved(problem: &Problem) -> Result<Outcome, ProblemError> {
 fn solve_corners(path: &Path, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
     let text = fs::read_to_string(path)
         .map_err(|e| format!("cannot read the corner file {}: {e}", path.display()))?;
-    let cameras = read_corners(&text)?;
+    let cameras = read_corners(&text).map_err(|e| {
+        let why = e.source().map_or(String::new(), |s| format!(": {s}"));
+        format!("{}: {e}{why}", path.display())
+    })?;
     let setup = wanted.setup(cameras.iter().map(|c| c.name.clone()).collect())?;
     for (camera, known) in cameras.iter().zip(&setup.cameras) {
         if let Some(m) = known.model.filter(|m| (m.width, m.height) != camera.size) {

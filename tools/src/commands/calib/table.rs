@@ -260,7 +260,8 @@ fn read_marks(path: &std::path::Path) -> Result<Vec<Mark>, Box<dyn Error>> {
         .trim(csv::Trim::All)
         .from_path(path)
         .map_err(|e| format!("cannot read {}: {e}", path.display()))?;
-    let header: Vec<String> = reader.headers()?.iter().map(str::to_owned).collect();
+    let header = reader.headers().map_err(|e| format!("{}: {e}", path.display()))?;
+    let header: Vec<String> = header.iter().map(str::to_owned).collect();
     if header != ["camera", "mark", "u", "v"] {
         return Err(failed(1, format!("the header is {}, not camera,mark,u,v", header.join(","))).into());
     }

@@ -48,7 +48,8 @@ pub fn read_track(path: &Path) -> Result<Track, Box<dyn Error>> {
 pub fn read_detections(path: &Path) -> Result<Vec<(String, Track)>, Box<dyn Error>> {
     let mut reader =
         csv::Reader::from_path(path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
-    let places = columns(path, reader.headers()?, &["t_ns", "camera", "u", "v", "score"])?;
+    let header = reader.headers().map_err(|e| format!("{}: {e}", path.display()))?;
+    let places = columns(path, header, &["t_ns", "camera", "u", "v", "score"])?;
     let mut cameras: Vec<(String, Track)> = Vec::new();
     let mut best: BTreeMap<(String, u64), f64> = BTreeMap::new();
     for record in reader.records() {
@@ -86,7 +87,8 @@ pub fn read_detections(path: &Path) -> Result<Vec<(String, Track)>, Box<dyn Erro
 pub fn read_positions(path: &Path) -> Result<Vec<(u64, Vector3<f64>)>, Box<dyn Error>> {
     let mut reader =
         csv::Reader::from_path(path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
-    let places = columns(path, reader.headers()?, &["t_ns", "x", "y", "z"])?;
+    let header = reader.headers().map_err(|e| format!("{}: {e}", path.display()))?;
+    let places = columns(path, header, &["t_ns", "x", "y", "z"])?;
     let mut positions = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|e| format!("{}: {e}", path.display()))?;
