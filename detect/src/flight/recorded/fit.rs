@@ -87,15 +87,24 @@ fn vector(c: &FlightConstants) -> Vector {
     Vector::from(fitted_values(c))
 }
 
+/// What each may be, as [`FITTED_NAMES`].
+const BOUNDS: [(f64, f64); FITTED] =
+    [(0.05, 2.0), (0.0, 10.0), (0.0, 2.0), (0.0, 20.0), (0.3, 1.0), (0.0, 0.1), (0.01, 1.0)];
+
+fn within_bounds(v: &Vector) -> Vector {
+    Vector::from_fn(|i, _| v[i].clamp(BOUNDS[i].0, BOUNDS[i].1))
+}
+
 fn constants(v: &Vector, start: &FlightConstants) -> FlightConstants {
+    let v = within_bounds(v);
     FlightConstants {
-        drag: v[0].clamp(0.05, 2.0),
-        drag_induced: v[1].clamp(0.0, 10.0),
-        magnus: v[2].clamp(0.0, 2.0),
-        magnus_saturation: v[3].clamp(0.0, 20.0),
-        restitution: v[4].clamp(0.3, 1.0),
-        restitution_slope_s_m: v[5].clamp(0.0, 0.1),
-        friction: v[6].clamp(0.01, 1.0),
+        drag: v[0],
+        drag_induced: v[1],
+        magnus: v[2],
+        magnus_saturation: v[3],
+        restitution: v[4],
+        restitution_slope_s_m: v[5],
+        friction: v[6],
         ..*start
     }
 }
@@ -182,6 +191,11 @@ fn passes(sets: &[FitSet<'_>], held_out: bool, c: &FlightConstants) -> Vec<Pass>
     all.into_iter().map(|(_, pass)| pass).collect()
 }
 
+/// With a thousandth more on the diagonal: what the flights do not show stays where it is.
+fn damped(information: &SMatrix<f64, FITTED, FITTED>) -> SMatrix<f64, FITTED, FITTED> {
+    information + SMatrix::from_diagonal(&information.diagonal().map(|d| 1e-3 * d + 1e-9))
+}
+
 fn total(passes: &[Pass]) -> f64 {
     passes.iter().map(|p| p.cost).sum()
 }
@@ -193,7 +207,7 @@ fn total(passes: &[Pass]) -> f64 {
 /// `None` without recordings to fit to.
 pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMut(f64)) -> Option<Fit> {
     let at = |v: &Vector| passes(sets, false, &constants(v, start));
-    let mut best = vector(start);
+    let mut best = within_bounds(&vector(start));
     let mut here = at(&best);
     if here.is_empty() {
         return None;
@@ -201,15 +215,15 @@ pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMu
     let mut covariance = SMatrix::zeros();
     for iteration in 0..ITERATIONS {
         let share = |part: f64| (iteration as f64 + part) / ITERATIONS as f64;
-        let slopes = slopes(&at, &best, &here, &mut |part| progress(share(0.9 * part)));
-        let damped = slopes.information
-            + SMatrix::from_diagonal(&slopes.information.diagonal().map(|d| 1e-3 * d + 1e-9));
-        let Some(chol) = damped.cholesky() else { break };
-        let inverse = chol.inverse();
+        let mut slopes = slopes(&at, &best, &here, &mut |part| progress(share(0.9 * part)));
+        let Some(inverse) = damped(&slopes.information).cholesky().map(|c| c.inverse()) else { break };
         covariance = inverse * slopes.outer * inverse.transpose();
-        let step = chol.solve(&slopes.gradient);
-        let better = [1.0, 0.4, 0.16].into_iter().find_map(|length| {
-            let trial = vector(&constants(&(best - step * length), start));
+        slopes.hold_at_bounds(&best);
+        let Some(step) = damped(&slopes.information).cholesky().map(|c| c.solve(&slopes.gradient)) else {
+            break;
+        };
+        let better = [1.0, 0.4, 0.16, 0.06].into_iter().find_map(|length| {
+            let trial = within_bounds(&(best - step * length));
             let there = at(&trial);
             (total(&there) < total(&here)).then_some((trial, there))
         });
@@ -259,7 +273,22 @@ struct Slopes {
     outer: SMatrix<f64, FITTED, FITTED>,
 }
 
-/// By central differences of whole passes.
+impl Slopes {
+    /// Leaves constants out that stand at a bound and would go beyond it: the others' step is one without them.
+    fn hold_at_bounds(&mut self, v: &Vector) {
+        for (i, (low, high)) in BOUNDS.into_iter().enumerate() {
+            let outwards = if self.gradient[i] > 0.0 { v[i] <= low } else { v[i] >= high };
+            if outwards {
+                self.gradient[i] = 0.0;
+                self.information.row_mut(i).fill(0.0);
+                self.information.column_mut(i).fill(0.0);
+                self.information[(i, i)] = 1.0;
+            }
+        }
+    }
+}
+
+/// By differences of whole passes, central ones where the bounds allow it.
 fn slopes(
     at: &impl Fn(&Vector) -> Vec<Pass>,
     v: &Vector,
@@ -269,8 +298,9 @@ fn slopes(
     let shifted = |i: usize, sign: f64| {
         let mut moved = *v;
         moved[i] += sign * STEPS[i];
-        moved
+        within_bounds(&moved)
     };
+    let widths: [f64; FITTED] = std::array::from_fn(|i| (shifted(i, 1.0) - shifted(i, -1.0))[i]);
     let sides: Vec<[Vec<Pass>; 2]> = (0..FITTED)
         .map(|i| {
             let both = [at(&shifted(i, 1.0)), at(&shifted(i, -1.0))];
@@ -281,7 +311,7 @@ fn slopes(
     let mut slopes =
         Slopes { gradient: Vector::zeros(), information: SMatrix::zeros(), outer: SMatrix::zeros() };
     for (k, pass) in here.iter().enumerate() {
-        let slope = |i: usize| (sides[i][0][k].cost - sides[i][1][k].cost) / (2.0 * STEPS[i]);
+        let slope = |i: usize| (sides[i][0][k].cost - sides[i][1][k].cost) / widths[i];
         let gradient = Vector::from_fn(|i, _| slope(i));
         slopes.gradient += gradient;
         slopes.outer += gradient * gradient.transpose();
@@ -294,7 +324,7 @@ fn slopes(
                     let (Some(plus), Some(minus)) = (plus, minus) else { return Vector3::zeros() };
                     let moved = plus.off - minus.off;
                     let leap = moved.dot(&(innovation.information * moved)).sqrt();
-                    if leap > LEAP_SIGMAS { Vector3::zeros() } else { moved / (2.0 * STEPS[i]) }
+                    if leap > LEAP_SIGMAS { Vector3::zeros() } else { moved / widths[i] }
                 }));
             slopes.information += jacobian.transpose() * innovation.information * jacobian;
         }

@@ -21,6 +21,12 @@ const PREDICTIONS: usize = 5;
 /// exposed some microseconds apart.
 const SAME_NS: u64 = 2_000_000;
 
+/// A hit is noticed with so many positions.
+const NOTICED_AFTER: usize = 3;
+
+/// Between truths further apart than this nothing is known, ns.
+const LONGEST_STEP_NS: u64 = 50_000_000;
+
 impl Content {
     pub(super) fn read(path: &Path) -> Result<Self, RecordingError> {
         let mut content = Self { positions: Vec::new(), trajectories: Vec::new(), truth: BTreeMap::new() };
@@ -85,6 +91,27 @@ impl Content {
                 self.trajectories.iter().min_by_key(|t| t.stamps.mid_exposure_ns.abs_diff(t_ns))
             })
             .collect()
+    }
+
+    /// Until when a prediction can be judged, ns: a hit ends its flight, and is noticed three positions late.
+    pub(super) fn judged_until_ns(&self, prediction: &BallTrajectory) -> u64 {
+        let made_ns = prediction.stamps.mid_exposure_ns;
+        let later =
+            |t: &BallTrajectory| t.stamps.mid_exposure_ns > made_ns && t.flight_id != prediction.flight_id;
+        let end = self.trajectories.iter().position(later).unwrap_or(self.trajectories.len());
+        let last = end.checked_sub(NOTICED_AFTER).and_then(|i| self.trajectories.get(i));
+        last.map_or(0, |t| t.stamps.mid_exposure_ns)
+    }
+
+    /// Where the ball truly was at an instant between two that are known and near to each other.
+    pub(super) fn truth_at(&self, t_ns: u64) -> Option<[f64; 3]> {
+        let (before, a) = self.truth.range(..=t_ns).next_back()?;
+        let (after, b) = self.truth.range(t_ns..).next()?;
+        if after - before > LONGEST_STEP_NS {
+            return None;
+        }
+        let share = if after == before { 0.0 } else { (t_ns - before) as f64 / (after - before) as f64 };
+        Some(std::array::from_fn(|i| a[i] + share * (b[i] - a[i])))
     }
 
     /// Seconds from the start, and the error in mm, of each position that has a truth.

@@ -1,4 +1,4 @@
-use netcord_common::wire::{BallTrajectory, LandingKind};
+use netcord_common::wire::{BallPosition, BallTrajectory, LandingKind};
 use plotters::{
     coord::Shift,
     drawing::{DrawingArea, DrawingAreaErrorKind},
@@ -19,6 +19,12 @@ const HALF_NET: f64 = 0.915;
 
 /// The table's surroundings that are shown at most, m from its centre.
 const FURTHEST: f64 = 3.0;
+
+/// Positions from so long before until so long after a drawn prediction are those to compare it with, ns.
+const BEFORE_NS: u64 = 300_000_000;
+const AFTER_NS: u64 = 1_000_000_000;
+/// How far ahead a prediction's error is told, ms.
+const OUTCOMES_MS: [u64; 3] = [100, 300, 500];
 
 const FOUND: RGBColor = RGBColor(230, 110, 20);
 const TRUE: RGBColor = RGBColor(90, 90, 90);
@@ -42,8 +48,8 @@ enum View {
 impl View {
     fn title(self) -> &'static str {
         match self {
-            Self::Above => "from above (m)",
-            Self::Side => "from the side (m)",
+            Self::Above => "from above",
+            Self::Side => "from the side",
             Self::Perspective => "in perspective",
         }
     }
@@ -71,6 +77,20 @@ impl View {
         }
     }
 
+    /// What stands along the two axes, m.
+    fn axes(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Above => ("y, along the table (m)", "x (m)"),
+            Self::Side => ("y, along the table (m)", "z (m)"),
+            Self::Perspective => ("", ""),
+        }
+    }
+
+    /// The table frame's coordinate that belongs to one of the picture's upper axis.
+    fn upper(self, value: f64) -> f64 {
+        if matches!(self, Self::Above) { -value } else { value }
+    }
+
     /// What of the plane is shown at least.
     fn frame(self) -> [(f64, f64); 2] {
         match self {
@@ -94,7 +114,7 @@ impl Painter for Drawing<'_> {
         self.view(&parts[0], View::Above)?;
         self.view(&parts[1], View::Perspective)?;
         self.view(&parts[2], View::Side)?;
-        legend(&parts[3])?;
+        self.legend(&parts[3])?;
         match lower {
             Some(lower) => self.errors(&lower),
             None => Ok(()),
@@ -104,7 +124,16 @@ impl Painter for Drawing<'_> {
 
 impl Drawing<'_> {
     fn view<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, view: View) -> Result<(), Failed<B>> {
-        let found = self.content.positions.iter().map(|p| view.project(p.position_m)).collect::<Vec<_>>();
+        // Beside what was predicted, the rest is only there to be compared with.
+        let solid = |p: &BallPosition| {
+            let near = |t: &&BallTrajectory| {
+                let (at, since) = (p.stamps.mid_exposure_ns, t.stamps.mid_exposure_ns);
+                at + BEFORE_NS > since && at < since + AFTER_NS
+            };
+            self.predictions.iter().any(near)
+        };
+        let found =
+            self.content.positions.iter().map(|p| (view.project(p.position_m), solid(p))).collect::<Vec<_>>();
         let truth = self.content.truth.values().map(|p| view.project(*p)).collect::<Vec<_>>();
         let paths = self.predictions.iter().map(|prediction| {
             let start = std::iter::once((prediction.position_m, 1.0));
@@ -113,7 +142,8 @@ impl Drawing<'_> {
         });
         let paths = paths.collect::<Vec<_>>();
         let predicted = paths.iter().flatten().map(|(p, _)| *p);
-        let all = || found.iter().chain(&truth).copied().chain(predicted.clone()).chain(view.frame());
+        let found_places = || found.iter().map(|(p, _)| *p);
+        let all = || found_places().chain(truth.iter().copied()).chain(predicted.clone()).chain(view.frame());
         let span = |pick: fn((f64, f64)) -> f64| {
             let values = || all().map(pick);
             let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
@@ -126,11 +156,20 @@ impl Drawing<'_> {
         let mut chart = ChartBuilder::on(area)
             .caption(view.title(), (FONT, 20))
             .margin(12)
-            .set_label_area_size(LabelAreaPosition::Left, 40)
-            .set_label_area_size(LabelAreaPosition::Bottom, 28)
+            .set_label_area_size(LabelAreaPosition::Left, 56)
+            .set_label_area_size(LabelAreaPosition::Bottom, 40)
             .build_cartesian_2d(across.clone(), up.clone())?;
         if !matches!(view, View::Perspective) {
-            chart.configure_mesh().light_line_style(TRANSPARENT).label_style((FONT, 14)).draw()?;
+            let (below, beside) = view.axes();
+            chart
+                .configure_mesh()
+                .light_line_style(TRANSPARENT)
+                .label_style((FONT, 14))
+                .x_label_formatter(&|v| tick(*v))
+                .y_label_formatter(&|v| tick(view.upper(*v)))
+                .x_desc(below)
+                .y_desc(beside)
+                .draw()?;
         }
         for outline in outlines() {
             let line = outline.iter().map(|p| view.project(*p));
@@ -138,9 +177,12 @@ impl Drawing<'_> {
         }
         let truth = truth.iter().filter(|p| is_shown(p));
         chart.draw_series(truth.map(|p| Circle::new(*p, 2, TRUE.mix(0.7).filled())))?;
-        let found = found.iter().filter(|p| is_shown(p));
-        chart.draw_series(found.map(|p| Circle::new(*p, 2, FOUND.filled())))?;
-        for (prediction, path) in self.predictions.iter().zip(&paths) {
+        for pale in [true, false] {
+            let found = found.iter().filter(|(p, solid)| is_shown(p) && *solid != pale);
+            let colour = FOUND.mix(if pale { 0.2 } else { 1.0 });
+            chart.draw_series(found.map(|(p, _)| Circle::new(*p, 2, colour.filled())))?;
+        }
+        for (number, (prediction, path)) in (1..).zip(self.predictions.iter().zip(&paths)) {
             for pair in path.windows(2).filter(|pair| pair.iter().all(|(p, _)| is_shown(p))) {
                 let shade = PREDICTED.mix(0.15 + 0.85 * pair[1].1.clamp(0.0, 1.0)).stroke_width(3);
                 chart.draw_series(LineSeries::new([pair[0].0, pair[1].0], shade))?;
@@ -148,6 +190,10 @@ impl Drawing<'_> {
             chart.draw_series(
                 path.iter().take(1).map(|(p, _)| Circle::new(*p, 5, PREDICTED.stroke_width(2))),
             )?;
+            chart.draw_series(path.iter().take(1).filter(|(p, _)| is_shown(p)).map(|(p, _)| {
+                EmptyElement::at(*p)
+                    + Text::new(number.to_string(), (7, -20), (FONT, 18).into_font().color(&PREDICTED))
+            }))?;
             if prediction.landing.kind != LandingKind::None.code() {
                 let [x, y] = prediction.landing.position_m;
                 let at = view.project([x, y, 0.0]);
@@ -158,6 +204,49 @@ impl Drawing<'_> {
         Ok(())
     }
 
+    /// What the signs mean, and what came of the predictions.
+    fn legend<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
+        let text = |words: &str, y: i32| Text::new(words.to_owned(), (78, y - 9), (FONT, 18));
+        area.draw(&Circle::new((60, 40), 4, FOUND.filled()))?;
+        area.draw(&text("measured; pale where no drawn prediction is near in time", 40))?;
+        let mut y = 70;
+        if !self.content.truth.is_empty() {
+            area.draw(&Circle::new((60, y), 4, TRUE.filled()))?;
+            area.draw(&text("truth", y))?;
+            y += 30;
+        }
+        area.draw(&PathElement::new([(48, y), (72, y)], PREDICTED.stroke_width(3)))?;
+        area.draw(&text("predicted from the ring on, paler where less sure", y))?;
+        y += 30;
+        area.draw(&Cross::new((60, y), 6, LANDING.stroke_width(2)))?;
+        area.draw(&text("where it was predicted to come down", y))?;
+        y += 44;
+        for (number, prediction) in (1..).zip(&self.predictions) {
+            let line = self.outcome(number, prediction);
+            area.draw(&Text::new(line, (48, y - 9), (FONT, 17).into_font().color(&PREDICTED)))?;
+            y += 28;
+        }
+        Ok(())
+    }
+
+    /// One prediction in words: when, and how far it was off.
+    fn outcome(&self, number: u32, prediction: &BallTrajectory) -> String {
+        let made_ns = prediction.stamps.mid_exposure_ns;
+        let at_s = made_ns.saturating_sub(self.content.start_ns()) as f64 * 1e-9;
+        let off = OUTCOMES_MS.map(|ms| {
+            let point = prediction.path().iter().find(|p| p.t_ns >= made_ns + ms * 1_000_000)?;
+            if point.t_ns > self.content.judged_until_ns(prediction) {
+                return None;
+            }
+            let truth = self.content.truth_at(point.t_ns)?;
+            let squares = point.position_m.iter().zip(truth).map(|(a, b)| (a - b).powi(2));
+            Some(format!("{:.0} mm after {ms} ms", 1e3 * squares.sum::<f64>().sqrt()))
+        });
+        let off = off.into_iter().flatten().collect::<Vec<_>>().join(", ");
+        let off = if off.is_empty() { String::new() } else { format!(", off by {off}") };
+        format!("{number}: made at {at_s:.2} s{off}")
+    }
+
     fn errors<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
         let errors = self.content.errors();
         let last_s = errors.last().map_or(1.0, |(t, _)| t.max(0.1));
@@ -165,33 +254,28 @@ impl Drawing<'_> {
         sorted.sort_by(f64::total_cmp);
         let at = |q: f64| sorted.get((q * sorted.len().saturating_sub(1) as f64).round() as usize).copied();
         let (median, p95) = (at(0.5).unwrap_or(0.0), at(0.95).unwrap_or(0.0));
-        let title = format!("error against the truth (mm): median {median:.2}, 95 % {p95:.2}");
+        let top = (2.0 * p95).max(1.0);
+        let beyond = sorted.len() - sorted.partition_point(|e| *e <= top);
+        let beyond = if beyond > 0 { format!("; {beyond} beyond the scale") } else { String::new() };
+        let title = format!("measured against the truth (mm): median {median:.2}, 95 % {p95:.2}{beyond}");
         let mut chart = ChartBuilder::on(area)
             .caption(title, (FONT, 20))
             .margin(12)
             .set_label_area_size(LabelAreaPosition::Left, 40)
             .set_label_area_size(LabelAreaPosition::Bottom, 28)
-            .build_cartesian_2d(0.0..last_s, 0.0..(2.0 * p95).max(1.0))?;
+            .build_cartesian_2d(0.0..last_s, 0.0..top)?;
         chart.configure_mesh().light_line_style(TRANSPARENT).x_desc("s").label_style((FONT, 14)).draw()?;
-        chart.draw_series(errors.iter().map(|p| Circle::new(*p, 2, FOUND.filled())))?;
+        chart.draw_series(
+            errors.iter().filter(|(_, e)| *e <= top).map(|p| Circle::new(*p, 2, FOUND.filled())),
+        )?;
         Ok(())
     }
 }
 
-/// What the colours mean.
-fn legend<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
-    let entries = [
-        ("measured", FOUND),
-        ("truth", TRUE),
-        ("predicted, paler where less sure", PREDICTED),
-        ("predicted landing point", LANDING),
-    ];
-    for (place, (text, colour)) in (0..).zip(entries) {
-        let y = 60 + 30 * place;
-        area.draw(&Circle::new((60, y), 5, colour.filled()))?;
-        area.draw(&Text::new(text, (78, y - 9), (FONT, 18)))?;
-    }
-    Ok(())
+/// A coordinate at an axis.
+fn tick(value: f64) -> String {
+    // Not −0.0.
+    format!("{:.1}", if value.abs() < 0.05 { 0.0 } else { value })
 }
 
 /// Table, centre line and net.
