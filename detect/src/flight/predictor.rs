@@ -102,9 +102,16 @@ impl Predictor {
 
     /// Where each camera will see the ball at `next_mid_exposure_ns`, in rig order.
     pub fn windows(&self, next_mid_exposure_ns: u64) -> impl Iterator<Item = SearchWindow> + '_ {
-        let settled = self.tracker.is_in_flight() && !self.tracker.is_unsettled();
-        let bank = if settled { self.tracker.bank_at(next_mid_exposure_ns) } else { Bank::default() };
-        self.windows.windows(bank, self.misses, self.trajectory.trigger_id, next_mid_exposure_ns)
+        let (mut bank, mut misses) = (Bank::default(), self.misses);
+        if self.tracker.is_unsettled() {
+            if let Some(newcomer) = self.tracker.newcomer_at(next_mid_exposure_ns) {
+                bank.add(newcomer);
+                misses = 0;
+            }
+        } else if self.tracker.is_in_flight() {
+            bank = self.tracker.bank_at(next_mid_exposure_ns);
+        }
+        self.windows.windows(bank, misses, self.trajectory.trigger_id, next_mid_exposure_ns)
     }
 
     /// Positions that came too late to be of use, or twice.

@@ -74,6 +74,12 @@ const LEAST_TURN_M_S: f64 = 1.0;
 /// By how much a belief is widened that many positions contradict: m, m/s.
 const RECONCILE_M: f64 = 0.03;
 const RECONCILE_M_S: f64 = 0.5;
+/// A position that no flight explains tells where the ball is for so long, s.
+const NEWCOMER_S: f64 = 0.03;
+/// Standard deviation of the velocity after one such position, and after two, in each direction: windows hold
+/// five, and no ball is hit faster. Two may lie on both sides of a hit.
+const ANYWHERE_M_S: f64 = 6.0;
+const TURNING_M_S: f64 = 3.0;
 /// A flight seen for less time teaches nothing of ball and table, ns.
 const INSTRUCTIVE_NS: u64 = 150_000_000;
 
@@ -191,6 +197,28 @@ impl Tracker {
         let mut bank = self.bank;
         bank.advance(&self.flow, seconds(self.t_ns, t_ns).max(0.0));
         bank
+    }
+
+    /// Where a ball will be at `t_ns` whose last positions no flight explains: it has been hit, or comes into view.
+    pub fn newcomer_at(&self, t_ns: u64) -> Option<Hypothesis> {
+        let (last, earlier) = self.pending[..self.pending_len].split_last()?;
+        let ahead_s = seconds(last.t_ns, t_ns);
+        if !(0.0..=NEWCOMER_S).contains(&ahead_s) {
+            return None;
+        }
+        let between =
+            earlier.last().map(|o| (o, seconds(o.t_ns, last.t_ns))).filter(|(_, s)| *s <= NEWCOMER_S);
+        let (velocity, sigma) = match between {
+            Some((o, s)) => ((last.position - o.position) / s, TURNING_M_S),
+            None => (Vector3::zeros(), ANYWHERE_M_S),
+        };
+        let mut belief = Belief::default();
+        let moved = last.position + velocity * ahead_s;
+        belief.mean.fixed_rows_mut::<3>(0).copy_from(&moved);
+        belief.mean.fixed_rows_mut::<3>(3).copy_from(&velocity);
+        let spread = last.covariance + Matrix3::identity() * (sigma * ahead_s).powi(2);
+        belief.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&spread);
+        Some(Hypothesis { belief, weight: 1.0, ..Hypothesis::default() })
     }
 
     /// How beliefs move on to positions at `t_ns`: soon after a hit less surely than the forecast's flow has it.

@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use nalgebra::{Vector2, Vector3};
 use netcord_common::{
     FrameView, PixelFormat,
@@ -284,12 +286,18 @@ impl Segmenter {
         self.starts.clear();
         self.collect_starts(view);
         self.measure_starts(view, Backdrop::Learnt, &prior, 3, 0.0);
+        if !self.has_ball_in_play() && self.crowded() {
+            let place = Some((x0..x1, rows));
+            self.search_by_colour(view, place, &prior);
+        }
     }
 
     /// The ball as it was predicted.
     fn expected(&self, window: &SearchWindow) -> Option<Start> {
         let radius = 0.5 * window.diameter_px as f32;
-        if radius < 1.0 || !self.camera.contains(&Vector2::new(window.u_px, window.v_px)) {
+        let [uu, _, vv] = window.covariance_px2;
+        let known = uu.max(vv).sqrt() < 0.5 * window.diameter_px;
+        if radius < 1.0 || !known || !self.camera.contains(&Vector2::new(window.u_px, window.v_px)) {
             return None;
         }
         let place = sphere::place(&self.camera, [window.u_px, window.v_px]);
@@ -336,7 +344,7 @@ impl Segmenter {
                 self.background.start_over(view);
                 self.light = SceneLight::of(view);
                 self.rest.clear();
-                self.search_by_colour(view, true);
+                self.search_by_colour(view, None, &Prior::default());
                 return;
             }
             self.starts.clear();
@@ -349,9 +357,9 @@ impl Segmenter {
             self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         }
         if !known {
-            self.search_by_colour(view, true);
+            self.search_by_colour(view, None, &Prior::default());
         } else if self.crowded() {
-            self.search_by_colour(view, false);
+            self.search_by_colour(view, Some((0..view.width(), 0..height)), &Prior::default());
         }
     }
 
@@ -363,9 +371,16 @@ impl Segmenter {
         })
     }
 
-    /// Looks for the ball's colours: among the marked cells, or `everywhere` where no background is known.
-    fn search_by_colour(&mut self, view: &FrameView<'_>, everywhere: bool) {
-        let height = view.height() & !1;
+    /// Looks for the ball's colours: among the marked cells of some columns and rows, or everywhere where no
+    /// background is known.
+    fn search_by_colour(
+        &mut self,
+        view: &FrameView<'_>,
+        among: Option<(Range<usize>, Range<usize>)>,
+        prior: &Prior,
+    ) {
+        let everywhere = among.is_none();
+        let (columns, rows) = among.unwrap_or((0..view.width(), 0..view.height() & !1));
         let words_per_row = self.background.words_per_row();
         let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
         let mut count = 0;
@@ -374,7 +389,7 @@ impl Segmenter {
             count += 1;
         }
         for gate in &gates[..count] {
-            for y in (0..height).step_by(2) {
+            for y in rows.clone().step_by(2) {
                 let row = y / 2 * words_per_row..(y / 2 + 1) * words_per_row;
                 let words = &mut self.coloured[row.clone()];
                 if everywhere {
@@ -382,9 +397,10 @@ impl Segmenter {
                 } else {
                     words.copy_from_slice(&self.words[row]);
                 }
-                self.kernel.colour([view.row(y), view.row(y + 1)], gate, words);
+                let cells = [&view.row(y)[columns.clone()], &view.row(y + 1)[columns.clone()]];
+                self.kernel.colour(cells, gate, &mut words[columns.start / WORD_PX..]);
             }
-            self.finder.find(&self.coloured, words_per_row, 0..height / 2);
+            self.finder.find(&self.coloured, words_per_row, rows.start / 2..rows.end / 2);
             self.starts.clear();
             self.collect_starts(view);
             let (most, least) = if everywhere {
@@ -392,7 +408,7 @@ impl Segmenter {
             } else {
                 (MAX_FITS_IN_CROWD, LIKELY_IN_CROWD)
             };
-            self.measure_starts(view, Backdrop::Around, &Prior::default(), most, least);
+            self.measure_starts(view, Backdrop::Around, prior, most, least);
         }
     }
 
