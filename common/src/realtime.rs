@@ -78,6 +78,23 @@ pub fn step_back(niceness: i32) -> Result<(), RealtimeError> {
     }
 }
 
+/// Lets the present thread, and those it starts later, run only where a processor has nothing else to do: for work
+/// that must never take a stage's time, and can wait (SCHED_IDLE, sched(7)). A thread that wakes up takes the
+/// processor from it at once.
+///
+/// # Errors
+/// [`RealtimeError::Priority`].
+pub fn give_way() -> Result<(), RealtimeError> {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: the call reads one sched_param, which lives until it returns; 0 names the present thread.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &raw const parameters) };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(RealtimeError::Priority { priority: 0, cause: std::io::Error::last_os_error() })
+    }
+}
+
 /// Asks the scheduler for short turns of the present thread, and so for turns that begin at once: one that is woken
 /// for a shorter turn than the running thread's need not wait for the end of that one, which is up to 3 ms away.
 /// For threads whose work takes no longer than `turn`, 0.1 to 100 ms. Linux 6.12 and later heed it (EEVDF's custom
@@ -105,6 +122,17 @@ pub fn take_short_turns(turn: Duration) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_gives_way_runs_when_nobody_else_does() {
+        std::thread::spawn(|| {
+            give_way().expect("giving way needs no right");
+            // SAFETY: a plain number; 0 names the present thread.
+            assert_eq!(unsafe { libc::sched_getscheduler(0) }, libc::SCHED_IDLE);
+        })
+        .join()
+        .expect("no panic");
+    }
 
     #[test]
     fn short_turns_keep_the_niceness() {

@@ -48,9 +48,6 @@ pub struct Args {
     overwrite: bool,
 }
 
-/// Stages come first: recording works with what time they leave.
-const NICENESS: i32 = 5;
-
 /// Runs `netcord record`.
 pub fn run(args: &Args) -> CommandResult {
     if !args.overwrite && fs::metadata(&args.out).is_ok_and(|m| m.len() > 0) {
@@ -62,7 +59,7 @@ pub fn run(args: &Args) -> CommandResult {
     unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) }?;
     let mut outcome = Outcome::Good;
     stage::run("record", &args.rig, |stage| {
-        if let Err(e) = realtime::step_back(NICENESS) {
+        if let Err(e) = realtime::give_way() {
             tracing::debug!("recording runs at ordinary priority: {e}");
         }
         let truth_domain = truth_domain(stage.bus.domain())?;
