@@ -1,5 +1,6 @@
 use netcord_common::{
     DomainName,
+    camera::{CameraModel, Distortion},
     geometry::{Camera, Transform, World},
     rig::{
         Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, Rig, RigCamera, TriggerRole, Wiring,
@@ -15,7 +16,8 @@ const DEFAULT_INTERVAL_NS: u64 = 10_000_000;
 impl Footage {
     /// The rig that the recording itself describes: its cameras with their calibration and poses, the
     /// interval of its frames, half of it as tolerance; of the rest the defaults (ball of 40 mm, orange
-    /// and white both tried).
+    /// and white both tried). One camera alone gives no positions, and so needs no calibration: without one it is
+    /// taken for a lens of ordinary width, which is enough to find a ball's image.
     ///
     /// # Errors
     /// [`RecordingError::Content`] when a camera has no calibration or no pose.
@@ -96,7 +98,13 @@ impl Footage {
             return Ok((pose.inverse(), true));
         }
         let topic = camera_topic(&camera.name, "calibration");
-        let Some(calibration) = &camera.calibration else { return Err(self.no_calibration(camera)) };
+        let Some(calibration) = &camera.calibration else {
+            return if self.is_alone() {
+                Ok((Transform::identity(), false))
+            } else {
+                Err(self.no_calibration(camera))
+            };
+        };
         match &calibration.camera_from_world {
             Ok(Some(pose)) => Ok((*pose, !is_identity(pose))),
             Ok(None) => Ok((Transform::identity(), false)),
@@ -115,8 +123,19 @@ impl Footage {
     ) -> Result<RigCamera, RecordingError> {
         let index = CameraIndex::new(place)
             .ok_or_else(|| self.content(format!("it has more than {MAX_CAMERAS} cameras")))?;
-        let calibration = filmed.calibration.as_ref().ok_or_else(|| self.no_calibration(filmed))?;
         let first = filmed.frames.first();
+        let model = match (&filmed.calibration, first) {
+            (Some(calibration), _) => calibration.model,
+            (None, Some(frame)) if self.is_alone() => {
+                tracing::warn!(
+                    "{}: camera {} has no calibration: detections are found, positions are not",
+                    self.file().path().display(),
+                    filmed.name
+                );
+                ordinary_lens(frame.width, frame.height).ok_or_else(|| self.no_calibration(filmed))?
+            }
+            (None, _) => return Err(self.no_calibration(filmed)),
+        };
         let header = first.and_then(|f| f.header.as_ref());
         Ok(RigCamera {
             name: filmed.name.clone(),
@@ -132,10 +151,14 @@ impl Footage {
             line: None,
             line_delay_ns: 0,
             wiring: Wiring::default(),
-            model: calibration.model,
+            model,
             intrinsics_sigma: None,
             camera_from_world,
         })
+    }
+
+    fn is_alone(&self) -> bool {
+        self.cameras.len() == 1
     }
 
     fn no_calibration(&self, camera: &FilmedCamera) -> RecordingError {
@@ -149,6 +172,12 @@ impl Footage {
     fn content(&self, why: String) -> RecordingError {
         RecordingError::Content { path: self.file().path().to_owned(), why }
     }
+}
+
+/// A pinhole that sees 53° of its width.
+fn ordinary_lens(width: u32, height: u32) -> Option<CameraModel> {
+    let (w, h) = (f64::from(width), f64::from(height));
+    CameraModel::new((width, height), (w, w), (0.5 * (w - 1.0), 0.5 * (h - 1.0)), Distortion::default()).ok()
 }
 
 fn is_identity(pose: &Transform<Camera, World>) -> bool {
