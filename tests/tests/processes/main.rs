@@ -4,6 +4,7 @@ mod allocations;
 mod copies;
 mod demo;
 mod faults;
+mod imported;
 mod kill;
 mod pictures;
 mod refusals;
