@@ -60,7 +60,7 @@ impl Canvas {
     pub fn paint(&mut self, layer: &Layer, gain: f32) {
         for tile in &self.tiles {
             let (xs, ys) = self.grid.pixels(*tile);
-            for y in layer.rows_among(&ys) {
+            for y in layer.rows_among(&xs, &ys) {
                 let row = y * self.grid.width + xs.start..y * self.grid.width + xs.end;
                 layer.blend(y, xs.clone(), gain, &mut self.means[row]);
             }

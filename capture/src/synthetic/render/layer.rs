@@ -72,8 +72,11 @@ impl Layer {
         self.rows.clone()
     }
 
-    /// Those of `rows` that it has.
-    pub fn rows_among(&self, rows: &Range<usize>) -> Range<usize> {
+    /// Those of `rows` that it has in some of `columns`: none where it lies beside them.
+    pub fn rows_among(&self, columns: &Range<usize>, rows: &Range<usize>) -> Range<usize> {
+        if self.columns.end <= columns.start || columns.end <= self.columns.start {
+            return 0..0;
+        }
         self.rows.start.max(rows.start)..self.rows.end.min(rows.end)
     }
 
@@ -121,7 +124,7 @@ impl Layer {
 
     /// Hides what `nearer` covers.
     pub fn hide_behind(&mut self, nearer: &Self) {
-        for y in nearer.rows_among(&self.rows) {
+        for y in nearer.rows_among(&self.columns, &self.rows) {
             let theirs = nearer.covered(y);
             let (start, end) = (theirs.start.max(self.columns.start), theirs.end.min(self.columns.end));
             if start >= end {

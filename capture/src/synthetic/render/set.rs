@@ -170,7 +170,7 @@ impl Set {
             }
             dressed[tile as usize] = false;
             for layer in order.iter().map(|i| &actors[*i].layer) {
-                for y in layer.rows_among(&ys) {
+                for y in layer.rows_among(&xs, &ys) {
                     let painted = layer.blend(y, xs.clone(), 1.0, &mut levels[y - ys.start][..xs.len()]);
                     dressed[tile as usize] |= painted;
                 }
