@@ -6,6 +6,8 @@ use crate::geometry::{Camera, Point};
 /// Number of intrinsic parameters: `fx fy cx cy k1 k2 p1 p2 k3`, in this order in Jacobians and
 /// covariances.
 pub const INTRINSICS: usize = 9;
+/// Widest and highest image: the largest sensors have half of it.
+const LARGEST_PX: u32 = 32_768;
 
 /// Lens distortion after Brown (1971) and Conrady (1919), in OpenCV's order (ROS `plumb_bob`).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -65,6 +67,9 @@ pub enum CameraModelError {
     /// A focal length or the image size is not positive.
     #[error("{0} is {1}; it must be above zero")]
     NotPositive(&'static str, f64),
+    /// An image that no sensor has.
+    #[error("{0} is {1} px; at most {LARGEST_PX} are valid")]
+    TooLarge(&'static str, u32),
 }
 
 /// A projected point with its derivatives.
@@ -97,6 +102,11 @@ impl CameraModel {
         let positive = [("fx", fx), ("fy", fy), ("width", f64::from(width)), ("height", f64::from(height))];
         if let Some((name, value)) = positive.into_iter().find(|(_, v)| *v <= 0.0) {
             return Err(CameraModelError::NotPositive(name, value));
+        }
+        if let Some((name, size)) =
+            [("width", width), ("height", height)].into_iter().find(|(_, n)| *n > LARGEST_PX)
+        {
+            return Err(CameraModelError::TooLarge(name, size));
         }
         Ok(Self { width, height, fx, fy, cx, cy, distortion, fold_r2: fold_r2(&distortion) })
     }

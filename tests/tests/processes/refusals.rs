@@ -28,6 +28,49 @@ fn a_second_capture_is_refused_and_the_first_works_on() {
 }
 
 #[test]
+fn a_second_up_is_refused_and_takes_nothing_from_the_first() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let (up, rig) = lab.up();
+    let bus = lab.bus();
+    let mut watch = Watch::attach(&bus);
+    let stages = watch.stages();
+    let second = lab.start(&["up", &rig, "--quiet"]).wait();
+    assert_eq!(second.code, Some(2), "{}", second.err);
+    assert!(second.err.contains("is in use by") && second.err.contains("stop it first"), "{}", second.err);
+    watch.position_after(MonotonicClock.now().as_ns());
+    assert_eq!(watch.stages(), stages, "nobody was restarted");
+    // Whoever joins now still meets the first.
+    let listened = lab.start(&["listen", "--rig", &rig, "ball/position", "--count", "1"]).wait();
+    assert_eq!((listened.code, listened.out.len()), (Some(0), 1), "{}", listened.err);
+    drop((watch, bus));
+    assert_eq!(up.stop().code, Some(0));
+}
+
+#[test]
+fn arguments_that_cannot_be_meant_are_refused_before_anything_runs() {
+    let lab = Lab::new();
+    let path = lab.synthetic_rig(50.0, &[]);
+    let rig = path.display().to_string();
+    let out = lab.path("out.mcap").display().to_string();
+    let no_folder = lab.path("no/folder.json").display().to_string();
+    for (arguments, said) in [
+        (vec!["record", &out, "--rig", &rig, "--seconds", "nan"], "valid are 0 to"),
+        (vec!["up", &rig, "--seconds", "1e30"], "valid are 0 to"),
+        (vec!["latency", "--rig", &rig, "--seconds", "-1"], "valid are 0 to"),
+        (vec!["demo", "--warm-up", "nan"], "valid are 0 to"),
+        (vec!["demo", "--report", &no_folder], "there is no folder"),
+        (vec!["capture", "--rig", &rig, "--recording", "absent.mcap"], "--source replay"),
+        (vec!["capture", "--rig", &rig, "--prerendered", "1000000000"], "1..=10000"),
+    ] {
+        let ended = lab.start(&arguments).wait();
+        assert_eq!(ended.code, Some(2), "{arguments:?}: {}", ended.err);
+        assert!(ended.err.contains(said), "{arguments:?}: {}", ended.err);
+    }
+    assert!(!lab.path("out.mcap").exists());
+}
+
+#[test]
 fn a_peer_of_another_wire_version_is_told_so_on_both_sides() {
     let lab = Lab::new();
     let path = lab.synthetic_rig(50.0, &[]);

@@ -28,7 +28,7 @@ pub struct Args {
     only: Vec<Part>,
 
     /// Write the result here as JSON.
-    #[arg(long, value_name = "R.json")]
+    #[arg(long, value_name = "R.json", value_parser = super::file_to_write)]
     report: Option<PathBuf>,
 
     /// Where the recordings of the record-effect go: a folder on tmpfs with 6 GB of room.

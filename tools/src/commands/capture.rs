@@ -62,7 +62,7 @@ pub struct Args {
 
     /// Publish N frames rendered beforehand, round and round (400 where N is not given): for rates at which rendering would be what is
     /// measured.
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "400")]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "400", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=10_000))]
     prerendered: Option<usize>,
 
     /// Time from the end of an exposure until its frame is complete, in microseconds: what a camera's link takes.
@@ -138,6 +138,10 @@ impl SceneArgs {
 
 /// Runs `netcord capture`.
 pub fn run(args: &Args) -> CommandResult {
+    if let Some(recording) = args.recording.as_ref().filter(|_| args.source != SourceKind::Replay) {
+        let recording = recording.display();
+        return Err(format!("--recording {recording} is shown with --source replay only; add it").into());
+    }
     // A scene is seen through the cameras as they are; real frames come as they come, calibrated or not.
     let loaded = match args.source {
         SourceKind::Synthetic => args.rig.load()?,
@@ -146,6 +150,7 @@ pub fn run(args: &Args) -> CommandResult {
     stage::run_with("capture", loaded, |stage| {
         let mut source = source(args, &stage.rig, &stage.counters)?;
         netcord_capture::run(&stage.bus, &stage.rig, source.as_mut(), &stage.stop, &stage.counters)?;
+        report(&stage.counters);
         Ok::<_, Box<dyn std::error::Error>>(())
     })
 }
@@ -177,4 +182,19 @@ fn source(
         faults: args.faults.clone(),
     };
     Ok(Box::new(SyntheticSource::new(rig, options)?))
+}
+
+/// Says at the end what became of the frames, losses by reason.
+fn report(counters: &Counters) {
+    let counts = counters.snapshot();
+    let sum =
+        |what: &str| counts.iter().filter(|(name, _)| name.ends_with(what)).map(|(_, n)| n).sum::<u64>();
+    let (published, lost) = (sum("frames_published"), sum("/frames_lost"));
+    if lost == 0 {
+        tracing::info!("{published} frames published, none lost");
+        return;
+    }
+    let by_reason = counts.iter().filter(|(name, n)| name.starts_with("lost_") && *n > 0);
+    let reasons = by_reason.map(|(name, n)| format!("{name} {n}")).collect::<Vec<_>>().join(", ");
+    tracing::warn!("{published} frames published, {lost} lost: {reasons}");
 }

@@ -18,7 +18,7 @@ use crate::{
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Seconds that are judged, after the warm-up.
-    #[arg(long, value_name = "N", default_value_t = 20.0)]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true, default_value_t = 20.0)]
     seconds: f64,
 
     /// Exposures a second.
@@ -38,7 +38,7 @@ pub struct Args {
     scene: Scene,
 
     /// Seconds before the judged ones, in which the segmenter learns the background.
-    #[arg(long, value_name = "N", default_value_t = 2.0)]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true, default_value_t = 2.0)]
     warm_up: f64,
 
     /// Publish N frames that are rendered beforehand, round and round, for rates at which the renderer would be
@@ -55,7 +55,7 @@ pub struct Args {
     capture_args: Vec<String>,
 
     /// Write the result here as JSON, and plots beside it as PNG.
-    #[arg(long, value_name = "R.json")]
+    #[arg(long, value_name = "R.json", value_parser = super::file_to_write)]
     report: Option<PathBuf>,
 
     /// No live view.

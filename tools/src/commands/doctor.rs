@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use netcord_common::rig::Rig;
+use netcord_common::rig::{Rig, RigEdit};
 
 use crate::{
     doctor::{Grade, examine, memory_needed},
@@ -21,7 +21,9 @@ pub struct Args {
 
 /// Runs `netcord doctor`.
 pub fn run(args: &Args) -> CommandResult {
-    let rig = args.rig.as_deref().map(Rig::load).transpose()?;
+    // Machines are looked over before cameras are calibrated.
+    let nominal = |path| RigEdit::open(path)?.with_nominal_calibration().resolve();
+    let rig: Option<Rig> = args.rig.as_deref().map(nominal).transpose()?;
     if let Some(rig) = &rig {
         println!("{}: frames may take up to {} MB of shared memory", rig.name, memory_needed(rig) >> 20);
     }

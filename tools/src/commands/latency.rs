@@ -26,11 +26,11 @@ pub struct Args {
     rig: RigArgs,
 
     /// How long to measure; default: until SIGINT or SIGTERM.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
 
     /// Write the result here as JSON.
-    #[arg(long, value_name = "R.json")]
+    #[arg(long, value_name = "R.json", value_parser = super::file_to_write)]
     report: Option<PathBuf>,
 }
 

@@ -29,6 +29,34 @@ use netcord_common::{
     rig::{Rig, RigEdit, RigError},
 };
 
+/// A length of time on the command line, in seconds.
+///
+/// # Errors
+/// What is valid.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let valid = |s: &f64| (0.0..=LONGEST_S).contains(s);
+    text.parse()
+        .ok()
+        .filter(valid)
+        .ok_or_else(|| format!("valid are 0 to {LONGEST_S} seconds, such as 10 or 0.5"))
+}
+
+/// A month.
+const LONGEST_S: f64 = 31.0 * 86_400.0;
+
+/// A file to be written on the command line: its folder is there, so that no long work is done in vain.
+///
+/// # Errors
+/// The folder that is missing.
+pub fn file_to_write(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder.filter(|folder| !folder.is_dir()) {
+        Some(folder) => Err(format!("there is no folder {}; make it first", folder.display())),
+        None => Ok(path),
+    }
+}
+
 /// The options of every subcommand that touches a live rig.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RigArgs {

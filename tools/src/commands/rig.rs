@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> CommandResult {
         Action::Show { rig } => show(&Rig::load(rig)?),
         Action::Import(args) => import(args)?,
         Action::Export(args) => export(args)?,
-        Action::Clean(rig) => clean(&rig.load()?.1)?,
+        Action::Clean(rig) => clean(&rig.load_for_pictures()?.1)?,
     }
     Ok(Outcome::Good)
 }

@@ -37,7 +37,7 @@ pub struct Args {
     domain: Option<DomainName>,
 
     /// Stop after this many seconds; default: run until SIGINT or SIGTERM.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
 
     /// Write a JSON line to standard output for every start, readiness, end and line of a process.
@@ -60,6 +60,7 @@ pub fn run(args: &Args) -> CommandResult {
     let rig = Rig::load(&args.rig)?;
     let domain = args.domain.clone().unwrap_or_else(|| rig.name.clone());
     let stop = Shutdown::on_signals()?;
+    refuse_second(&rig, &domain)?;
     let mut supervisor = Supervisor::new(launches(&rig, &args.rig, &domain)?);
     let bus = Bus::join(&domain, "up")?;
     bus.clean_up_dead();
@@ -70,15 +71,34 @@ pub fn run(args: &Args) -> CommandResult {
     supervisor.stop(&mut |happening| narrator.tell(&happening));
     bus.clean_up_dead();
     drop(bus);
-    DomainRemains::of(&domain).remove()?;
     // A synthetic capture publishes the truth in a domain of its own.
-    DomainRemains::of(&truth_domain(&domain)?).remove()?;
+    for domain in [domain.clone(), truth_domain(&domain)?] {
+        let remains = DomainRemains::of(&domain);
+        // Who watches or records stays where it is, and finds the rig when it is started again.
+        if remains.inhabitants()?.is_empty() {
+            remains.remove()?;
+        }
+    }
     result?;
     match (narrator.given_up, narrator.died) {
         (Some(name), _) => Err(format!("{name} does not start; its last lines are above").into()),
         (None, 0) => Ok(Outcome::Good),
         (None, _) => Ok(Outcome::Missed),
     }
+}
+
+/// Two supervisors of one domain would take each other's shared memory away.
+fn refuse_second(rig: &Rig, domain: &DomainName) -> Result<(), Box<dyn std::error::Error>> {
+    let mut alive = DomainRemains::of(domain).inhabitants()?;
+    alive.retain(|name| {
+        name == "up" || rig.processes.iter().any(|process| name.starts_with(&process.command))
+    });
+    if alive.is_empty() {
+        return Ok(());
+    }
+    let alive = alive.join(", ");
+    Err(format!("the domain {domain} is in use by {alive}: stop it first, or give another with --domain")
+        .into())
 }
 
 fn watch(

@@ -131,6 +131,20 @@ impl TrialReport {
                 e.median, e.p95, e.rms
             ));
         }
+        for (what, q) in [
+            ("frame to position", self.latency_ms.frame_to_position),
+            ("exposure to position", self.latency_ms.exposure_to_position),
+        ] {
+            let Some(q) = q else { continue };
+            lines.push(format!(
+                "  {what}: median {:.2} ms, 99 % {:.2} ms, 99.9 % {:.2} ms, longest {:.2} ms",
+                q.p50, q.p99, q.p999, q.max
+            ));
+        }
+        lines.push(format!(
+            "  frames: {} published, {} lost, {} unsynchronised",
+            self.frames.published, self.frames.lost, self.frames.unsynchronised
+        ));
         for (what, e) in [("hitting plane", &self.hitting_plane_error), ("landing", &self.landing_error)] {
             let mm = |v: Option<f64>| v.map_or_else(|| "-".into(), |v| format!("{v:.1} mm"));
             lines.push(format!(

@@ -39,7 +39,7 @@ pub struct Args {
     count: Option<u64>,
 
     /// End after this many seconds.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
 }
 

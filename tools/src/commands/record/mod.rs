@@ -31,7 +31,7 @@ pub struct Args {
     rig: RigArgs,
 
     /// End after so many seconds; default: on SIGINT or SIGTERM.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
 
     /// Leave the frames out: only results, a few kilobytes a trigger.
