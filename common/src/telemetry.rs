@@ -31,12 +31,16 @@ impl FromStr for LogFormat {
 }
 
 /// Installs the log output. `filter` is a level or a `tracing-subscriber` directive list, such as
-/// `info` or `warn,netcord_capture=debug`. iceoryx2's own lines come through it too, from `warn` up.
+/// `info` or `warn,netcord_capture=debug`. iceoryx2's own lines are left out unless it names them
+/// (`info,iceoryx2_bb_loggers=warn`): they describe its structures over pages, and what matters of them
+/// comes as an error of ours.
 ///
 /// # Errors
 /// A sentence that says what about `filter` is wrong.
 pub fn init(filter: &str, format: LogFormat) -> Result<(), String> {
-    let filter = EnvFilter::try_new(filter).map_err(|e| {
+    let directives =
+        if filter.contains("iceoryx2") { filter.into() } else { format!("{filter},iceoryx2_bb_loggers=off") };
+    let filter = EnvFilter::try_new(directives).map_err(|e| {
         format!("log filter {filter:?} is not valid: {e}; try info, or warn,netcord_capture=debug")
     })?;
     let registry = tracing_subscriber::registry().with(filter);

@@ -12,7 +12,7 @@ use netcord_capture::recording::{
 use crate::exit::{CommandResult, Outcome};
 
 /// Saves all whole messages and metadata of a recording into a new file with an index, such as one whose
-/// recorder was killed. Works on any MCAP file; attachments are left out.
+/// recorder was killed. Works on any MCAP file; attachments are left out. Exit code 1 when nothing could be saved.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The damaged recording; it is not changed.
@@ -66,5 +66,5 @@ pub fn run(args: &Args) -> CommandResult {
         Ending::CutOff { at, why } => println!("{} is cut off at byte {at}: {why}", args.input.display()),
     }
     println!("{}: {messages} messages of {} topics saved", output.display(), channels.len());
-    Ok(Outcome::Good)
+    Ok(if messages > 0 { Outcome::Good } else { Outcome::Missed })
 }

@@ -44,7 +44,7 @@ pub struct Args {
     frames: u64,
 
     /// Trials for each cell.
-    #[arg(long, default_value_t = 500)]
+    #[arg(long, default_value_t = 500, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     trials: usize,
 
     /// Seed of the random numbers.

@@ -109,7 +109,7 @@ impl Gather {
             self.health.tick(MonotonicClock.now().as_ns())?;
             let lost = self.lost_frames.get();
             if lost > told && told_at.elapsed() > TELL {
-                tracing::warn!("the disk is too slow: {lost} frames lost so far");
+                tracing::warn!("disk or processors are too slow: {lost} frames lost so far");
                 (told, told_at) = (lost, Instant::now());
             }
         }
@@ -194,9 +194,18 @@ impl Gather {
         }
         if frames + messages > 0 {
             eprintln!(
-                "netcord: {frames} frames and {messages} messages were lost: the disk is too slow for this rate"
+                "netcord: {frames} frames and {messages} messages were lost: the disk, or what the stages leave of \
+                 the processors, is too slow for this rate"
             );
         }
-        if stored.failed.is_some() || frames + messages > 0 { Outcome::Missed } else { Outcome::Good }
+        let nothing = self.frames.get() + self.messages.get() == 0;
+        if nothing {
+            eprintln!("netcord: nothing was published meanwhile: does the rig run in this domain?");
+        }
+        if stored.failed.is_some() || nothing || frames + messages > 0 {
+            Outcome::Missed
+        } else {
+            Outcome::Good
+        }
     }
 }
