@@ -75,6 +75,8 @@ const MAX_HITTING_MM: f64 = 20.0;
 const MAX_P50_MS: f64 = 1.0;
 const MAX_P99_MS: f64 = 3.0;
 const MAX_P999_MS: f64 = 10.0;
+/// Share of the triggers that may fall between the begin of the clock and that of the source.
+const MOST_UNTOLD: f64 = 0.01;
 /// From the middle of the exposure to the position: the whole budget.
 const BUDGET_MS: f64 = 10.0;
 
@@ -104,6 +106,10 @@ impl TrialReport {
             let median = self.hitting_plane_error.median_mm;
             at_most("hitting-plane error 0.3 s ahead, median,", median, MAX_HITTING_MM, " mm");
         }
+        // What the source never told of is neither found nor lost: too much of it, and nothing has been shown.
+        let expected = self.setup.seconds * self.setup.rate_hz;
+        let untold = expected - self.score.triggers as f64;
+        at_most("triggers that nothing is known of", Some(untold), (MOST_UNTOLD * expected).max(1.0), "");
         at_most("lost frames", Some(self.frames.lost as f64), 0.0, "");
         at_most("unsynchronised frames", Some(self.frames.unsynchronised as f64), 0.0, "");
         let latency = self.latency_ms.frame_to_position;

@@ -59,8 +59,8 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Beyond so many standard deviations an edge is fully in or out: 0.3 % of a step.
 pub const EDGE_SIGMAS: f64 = 3.0;
 
-/// Rectangles of more pixels than this are drawn as close as can be.
-const LARGE_PX2: i64 = 64 * 64;
+/// A body whose image would be farther out than so many frames is not in view.
+const FAR_FRAMES: f64 = 3.0;
 
 /// The pixels that an ellipsoid with these half-axes (columns, in the camera's frame) may touch inside the frame, and
 /// `margin` more. `None` where the lens model does not hold at some corner of it.
@@ -120,6 +120,11 @@ impl Outline {
         let centre = camera_from_world * Point::<World>::from(body.centre);
         let axes = camera_from_world.rotation.matrix() * body.axes;
         let projected = model.project_with_jacobians(&centre)?;
+        // Far outside, lens models of high order send a body's image anywhere, and make it as large as they like.
+        let far = FAR_FRAMES * f64::from(model.width.max(model.height));
+        if projected.pixel.amax() > far {
+            return None;
+        }
         let z = centre.coords.z;
         // Half of the image's extent is the support of the ellipsoid, to first order; nearness adds.
         let reach = axes.row(2).norm();
@@ -134,10 +139,6 @@ impl Outline {
         let narrow_px = half.singular_values().min();
         let edge = EDGE_SIGMAS * blur_px * 1.33 / narrow_px;
         let half = (half.row(0).norm() * near + margin, half.row(1).norm() * near + margin);
-        let loose = Rect::around((projected.pixel.x, projected.pixel.y), half);
-        // Exact bounds take longer than the pixels of a small body.
-        let large = (loose.x1 - loose.x0) * (loose.y1 - loose.y0) > LARGE_PX2;
-        let tight = if large { bounds(model, &centre.coords, &axes, margin) } else { None };
         let normalised = centre.coords.xy() / z;
         let (_, lens) = model.distort_with_jacobian(&normalised)?;
         let to_pixel = Matrix2::from_diagonal(&Vector2::new(model.fx, model.fy)) * lens;
@@ -154,9 +155,25 @@ impl Outline {
             blur_px,
             #[cfg(test)]
             image: projected.pixel,
-            rect: tight.unwrap_or(loose),
+            rect: Rect::around((projected.pixel.x, projected.pixel.y), half),
             depth_m: z,
         })
+    }
+
+    /// Draws the rectangle as close about the part inside the frame as can be: the plain one of a body that is
+    /// large, or far off the camera's axis, has several times its pixels.
+    pub fn enclose(
+        &mut self,
+        model: &CameraModel,
+        camera_from_world: &Transform<Camera, World>,
+        body: &Body,
+    ) {
+        let centre = camera_from_world * Point::<World>::from(body.centre);
+        let axes = camera_from_world.rotation.matrix() * body.axes;
+        let margin = EDGE_SIGMAS * self.blur_px + 1.0;
+        if let Some(tight) = bounds(model, &centre.coords, &axes, margin) {
+            self.rect = tight;
+        }
     }
 
     /// Share of the pixel whose ray has the normalised coordinates `ray` that the body covers; `None` where none.
@@ -327,7 +344,8 @@ mod tests {
             Body::upright(Vector3::new(-1.1, 0.3, 0.9), [0.24, 0.16, 0.34], paint),
             Body::limb(Vector3::new(0.9, 0.2, 1.0), Vector3::new(0.7, 0.5, 1.3), 0.05, paint),
         ] {
-            let outline = Outline::new(&model, &here, &body, 0.5).expect("in view");
+            let mut outline = Outline::new(&model, &here, &body, 0.5).expect("in view");
+            outline.enclose(&model, &here, &body);
             let Rect { x0, y0, x1, y1 } = outline.rect;
             let (mut inside, mut found) =
                 (Rect { x0: i64::MAX, y0: i64::MAX, x1: i64::MIN, y1: i64::MIN }, 0);
@@ -345,6 +363,17 @@ mod tests {
             let given = (columns.len() * rows.len()) as i64;
             assert!(given < needed * 5 / 4, "{given} px for {needed}");
         }
+    }
+
+    #[test]
+    fn what_a_lens_model_sends_far_outside_is_not_in_view() {
+        let here = Transform::<Camera, World>::identity();
+        // 80° off the axis, where the polynomial of the distortion has left all lenses behind.
+        let body = Body::sphere(Vector3::new(1.0, 0.2, 0.18), 0.02, Paint::plain([1.0; 3]));
+        let lens = Distortion::from_array([0.0, 0.1, 0.0, 0.0, 0.05]);
+        let model = CameraModel::new((1920, 1200), (672.0, 672.0), (960.0, 600.0), lens).expect("valid");
+        assert!(model.project(&Point::from(body.centre)).is_some_and(|pixel| pixel.amax() > 1e6));
+        assert!(Outline::new(&model, &here, &body, 0.5).is_none());
     }
 
     #[test]

@@ -110,7 +110,7 @@ impl Set {
         let actor = &mut actors[index];
         let body = scene.cast.body(index, t_s, scene.radius_m);
         let seen = body.and_then(|body| {
-            let outline = view.outline(&body, scene.blur_px)?;
+            let outline = view.outline_inside(&body, scene.blur_px)?;
             view.contains_some_of(&outline.rect).then_some((outline, body.paint))
         });
         actor.outline = seen.map(|(outline, _)| outline);

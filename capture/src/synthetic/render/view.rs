@@ -23,6 +23,9 @@ pub struct View {
     channels: [[usize; 2]; 2],
 }
 
+/// Pixels outside the frame that are looked at, at most.
+const MOST_LOOKS: f64 = 40_000.0;
+
 impl View {
     /// Renders the backdrop, on all cores.
     pub fn new(scene: &Scene, camera: &RigCamera) -> Self {
@@ -39,6 +42,13 @@ impl View {
     /// How it sees a body.
     pub fn outline(&self, body: &Body, blur_px: f64) -> Option<Outline> {
         Outline::new(&self.model, &self.camera_from_world, body, blur_px)
+    }
+
+    /// How it sees a body of which only what is inside the frame matters.
+    pub fn outline_inside(&self, body: &Body, blur_px: f64) -> Option<Outline> {
+        let mut outline = self.outline(body, blur_px)?;
+        outline.enclose(&self.model, &self.camera_from_world, body);
+        Some(outline)
     }
 
     /// A direction of the camera's frame, in the world.
@@ -81,14 +91,21 @@ impl View {
             if columns.len() as i64 == x1 - x0 && rows.len() as i64 == y1 - y0 {
                 continue;
             }
-            for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+            // Where a lens bends most, a ball's rectangle may be wider than any frame: then every so many pixels.
+            let step = ((((x1 - x0) as f64 * (y1 - y0) as f64) * outlines.len() as f64 / MOST_LOOKS)
+                .sqrt()
+                .ceil() as i64)
+                .max(1);
+            let places = |from: i64, to: i64| (from..to).step_by(step as usize);
+            for (x, y) in places(y0, y1).flat_map(|y| places(x0, x1).map(move |x| (x, y))) {
                 let in_range =
                     |v: i64, range: &Range<usize>| usize::try_from(v).is_ok_and(|v| range.contains(&v));
                 if in_range(x, &columns) && in_range(y, &rows) {
                     continue;
                 }
                 if let Some(n) = self.model.undistort(&Vector2::new(x as f64, y as f64)) {
-                    area += outline.covered([n.x as f32, n.y as f32]).unwrap_or(0.0);
+                    let covered = outline.covered([n.x as f32, n.y as f32]).unwrap_or(0.0);
+                    area += covered * (step * step) as f64;
                 }
             }
         }
