@@ -70,11 +70,16 @@ fn run(
     let mut lines = BufReader::new(reader.stdout.take().ok_or("no pipe to the reader")?).lines();
     lines.next().ok_or("the reader did not start")??;
     let mut latencies = vec![Vec::new(); SIZES.len()];
+    let mut rest = vec![0_u8; SIZES.iter().map(|size| size.bytes).max().unwrap_or(0)];
     for n in 0..FRAMES + WARM_UP {
         progress(n as f64 / (FRAMES + WARM_UP) as f64);
         for ((size, publisher), latencies) in SIZES.iter().zip(&publishers).zip(&mut latencies) {
             let mut slot = publisher.loan(size.bytes)?;
             slot.bytes_mut().fill(n as u8);
+            // As much memory is written in every turn, so that caches are as cold and the reader has slept as long:
+            // these are not of the transport.
+            rest[size.bytes..].fill(n as u8);
+            std::hint::black_box(&mut rest);
             thread::sleep(PAUSE);
             slot.header_mut().stamps.frame_published_ns = MonotonicClock.now().as_ns();
             publisher.publish(slot)?;
