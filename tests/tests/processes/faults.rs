@@ -49,9 +49,10 @@ impl Seen {
 fn a_source_without_faults_gives_complete_framesets_only() {
     let _turn = one_at_a_time();
     let seen = Seen::of(&[]);
-    // A busy machine may cost a frame, which is counted as such; nothing else may.
+    // A busy machine may cost a frame or hold it back, which is counted as such; nothing else may.
     let incomplete = seen.framesets.len() - seen.verdicts(Verdict::Complete);
-    assert!(incomplete as u64 <= seen.counter("lost_overrun"), "{:?}", seen.counters);
+    let busy = seen.counter("lost_overrun") + seen.counter("frames_late");
+    assert!(incomplete as u64 <= busy, "{:?}", seen.counters);
     for name in ["lost_dropped", "lost_truncated", "lost_duplicate", "lost_no_slot"] {
         assert_eq!(seen.counter(name), 0, "{name}");
     }
