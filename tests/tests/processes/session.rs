@@ -94,7 +94,9 @@ pub(super) fn start(lab: &Lab, rig: &Path, more: &[&str]) -> (Running, Page, Str
     arguments.extend(more);
     let session = lab.start(&arguments);
     let url = session.line();
-    (session, Page::at(&url), url)
+    let page = Page::at(&url);
+    page.state_when("the session's first state", |_| true);
+    (session, page, url)
 }
 
 fn from_pictures(lab: &Lab, rig: &Path, more: &[&str]) -> (Running, Page, String) {
