@@ -83,16 +83,12 @@ pub fn step_back(niceness: i32) -> Result<(), RealtimeError> {
 /// processor from it at once.
 ///
 /// # Errors
-/// [`RealtimeError::Priority`].
-pub fn give_way() -> Result<(), RealtimeError> {
+/// What the system says; it asks for no right.
+pub fn give_way() -> std::io::Result<()> {
     let parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: the call reads one sched_param, which lives until it returns; 0 names the present thread.
     let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_IDLE, &raw const parameters) };
-    if result == 0 {
-        Ok(())
-    } else {
-        Err(RealtimeError::Priority { priority: 0, cause: std::io::Error::last_os_error() })
-    }
+    if result == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) }
 }
 
 /// Asks the scheduler for short turns of the present thread, and so for turns that begin at once: one that is woken

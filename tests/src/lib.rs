@@ -21,7 +21,7 @@ pub use browser::Browser;
 pub use copies::{Copies, CopyCount};
 pub use executable::executable;
 pub use lab::Lab;
-pub use lockstep::{Lockstep, Searched};
+pub use lockstep::Lockstep;
 pub use page::Page;
 pub use photographer::Photographer;
 pub use running::{Ended, Running, signal_process};

@@ -55,7 +55,7 @@ fn track(preset: Preset, seed: u64) -> Tally {
     let mut mosaic = Vec::new();
     for n in 0..TRIGGERS {
         let at_ns = 1_000_000_000 + n * interval_ns;
-        let mut searched = Vec::with_capacity(renderers.len());
+        let mut messages = Vec::new();
         let mut seen = 0;
         for camera in 0..renderers.len() {
             let own = &stages.rig.cameras[camera];
@@ -72,9 +72,9 @@ fn track(preset: Preset, seed: u64) -> Tally {
                 stamps: Stamps { mid_exposure_ns: at_ns, mid_exposure_host_ns: at_ns, ..Stamps::default() },
                 ..FrameHeader::default()
             };
-            searched.push(stages.search(camera, &header, &mosaic));
+            messages.extend(stages.search(camera, &header, &mosaic));
         }
-        let found = stages.conclude(&searched, at_ns).map(|(position, _)| position);
+        let found = stages.conclude(&messages, at_ns);
         let found = found.filter(BallPosition::is_present).map(|p| Vector3::from(p.position_m));
         if n < WARM_UP {
             continue;

@@ -29,6 +29,20 @@ pub enum CalibrationError {
         /// Image points.
         image: usize,
     },
+    /// Corners and their motion do not pair up.
+    #[error(
+        "camera {camera}, view {view}: {motion} motions but {image} image points; there is one for each, or none"
+    )]
+    UnpairedMotion {
+        /// The camera.
+        camera: String,
+        /// The view.
+        view: String,
+        /// Motions.
+        motion: usize,
+        /// Image points.
+        image: usize,
+    },
     /// A coordinate is infinite or not a number.
     #[error("camera {camera}, view {view}: a coordinate is not a finite number")]
     NotFinite {

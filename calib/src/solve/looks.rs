@@ -25,6 +25,7 @@ pub fn looks_around(views: &mut [View], looks: &[View]) {
         let Some(((t_before, before), (t_after, after))) = around else { continue };
         let (to_before, to_after) = ((now - t_before) as f64 * 1e-9, (t_after - now) as f64 * 1e-9);
         if to_before <= FURTHEST_S && to_after <= FURTHEST_S {
+            // Too few corners in common: of this view no motion is known, as of one without looks beside it.
             view.motion = motion(view, (before, to_before), (after, to_after)).unwrap_or_default();
         }
     }

@@ -152,10 +152,10 @@ pub fn read_corners(json: &str) -> Result<Vec<CameraViews>, CalibrationError> {
                         });
                     }
                     if !v.motion.is_empty() && v.motion.len() != v.image.len() {
-                        return Err(CalibrationError::Unpaired {
+                        return Err(CalibrationError::UnpairedMotion {
                             camera: camera.clone(),
                             view: name,
-                            object: v.motion.len(),
+                            motion: v.motion.len(),
                             image: v.image.len(),
                         });
                     }

@@ -100,7 +100,8 @@ impl Predictor {
         &self.trajectory
     }
 
-    /// Where each camera will see the ball at `next_mid_exposure_ns`, in rig order.
+    /// Where each camera will see the ball at `next_mid_exposure_ns`, in rig order: as its flight goes on, or, where
+    /// the last positions are of no flight yet (it has been hit, or comes into view), near these.
     pub fn windows(&self, next_mid_exposure_ns: u64) -> impl Iterator<Item = SearchWindow> + '_ {
         let (mut bank, mut misses) = (Bank::default(), self.misses);
         if self.tracker.is_unsettled() {

@@ -292,7 +292,7 @@ impl Segmenter {
         }
     }
 
-    /// The ball as it was predicted.
+    /// The ball as it was predicted; none where its place is known to no more than its size.
     fn expected(&self, window: &SearchWindow) -> Option<Start> {
         let radius = 0.5 * window.diameter_px as f32;
         let [uu, _, vv] = window.covariance_px2;

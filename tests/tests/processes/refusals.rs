@@ -11,35 +11,23 @@ use netcord_tests::{Lab, Running, Watch, executable, one_at_a_time};
 use toml_edit::{DocumentMut, value};
 
 #[test]
-fn a_second_capture_is_refused_and_the_first_works_on() {
+fn a_second_capture_and_a_second_up_are_refused_and_the_first_work_on() {
     let _turn = one_at_a_time();
     let lab = Lab::new();
     let (up, rig) = lab.up();
     let bus = lab.bus();
     let mut watch = Watch::attach(&bus);
     let stages = watch.stages();
-    let second = lab.start(&["capture", "--rig", &rig, "--source", "synthetic"]).wait();
-    assert_eq!(second.code, Some(2), "{}", second.err);
-    assert!(second.err.contains("another `netcord capture` runs in this domain"), "{}", second.err);
-    watch.position_after(MonotonicClock.now().as_ns());
-    assert_eq!(watch.stages(), stages, "nobody was restarted");
-    drop((watch, bus));
-    assert_eq!(up.stop().code, Some(0));
-}
-
-#[test]
-fn a_second_up_is_refused_and_takes_nothing_from_the_first() {
-    let _turn = one_at_a_time();
-    let lab = Lab::new();
-    let (up, rig) = lab.up();
-    let bus = lab.bus();
-    let mut watch = Watch::attach(&bus);
-    let stages = watch.stages();
-    let second = lab.start(&["up", &rig, "--quiet"]).wait();
-    assert_eq!(second.code, Some(2), "{}", second.err);
-    assert!(second.err.contains("is in use by") && second.err.contains("stop it first"), "{}", second.err);
-    watch.position_after(MonotonicClock.now().as_ns());
-    assert_eq!(watch.stages(), stages, "nobody was restarted");
+    for (arguments, said) in [
+        (["capture", "--rig", &rig, "--source=synthetic"], "another `netcord capture` runs in this domain"),
+        (["up", &rig, "--quiet", "--seconds=60"], "is in use by"),
+    ] {
+        let second = lab.start(&arguments).wait();
+        assert_eq!(second.code, Some(2), "{}", second.err);
+        assert!(second.err.contains(said), "{}", second.err);
+        watch.position_after(MonotonicClock.now().as_ns());
+        assert_eq!(watch.stages(), stages, "nobody was restarted");
+    }
     // Whoever joins now still meets the first.
     let listened = lab.start(&["listen", "--rig", &rig, "ball/position", "--count", "1"]).wait();
     assert_eq!((listened.code, listened.out.len()), (Some(0), 1), "{}", listened.err);

@@ -21,7 +21,7 @@ use crate::{
 
 /// Records a running rig: raw frames with their headers, calibration, detections, positions, trajectories, and
 /// the scene for viewers. Attaches and detaches at any time, and never makes the pipeline wait: what the disk
-/// does not take is lost, counted and reported. Exit code 1 when something was lost.
+/// does not take is lost, counted and reported. Runs only while a processor has nothing else to do. Exit code 1 when something was lost.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The file to be written.
