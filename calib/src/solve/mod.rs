@@ -16,9 +16,11 @@ mod pose;
 mod report;
 mod resection;
 mod rig;
+mod strays;
 mod uncertainty;
 mod validate;
 mod views;
+mod wand;
 mod zhang;
 
 pub use block::Block;
@@ -37,6 +39,7 @@ pub use motion::{
 pub use pose::{FittedPose, board_pose};
 pub use report::{CameraReport, OutlierReport, RejectedReport, Report, Uncertain, ViewReport, coverage};
 pub use rig::{RejectedView, RigCalibration, RigMember, RigOptions, RigViewFit, calibrate_rig};
+pub use strays::Stray;
 pub use uncertainty::ProjectionUncertainty;
 pub use validate::{CrossValidation, MORE_FRAMES_RATIO, cross_validate};
 pub use views::{CameraViews, PixelMotion, View, read_corners, write_corners};

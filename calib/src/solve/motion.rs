@@ -1,6 +1,8 @@
 //! Extrinsics from points in motion: a wand's markers, or the ball in flight. No board, no common view of
 //! anything but the points themselves.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Vector2, Vector3};
 use netcord_common::{
     camera::{CameraModel, INTRINSICS},
@@ -8,12 +10,15 @@ use netcord_common::{
 };
 
 use super::{
+    block::Block,
     bundle::{Bundle, BundleCamera, Freedom, Sighting, SolveOptions},
     delay::{Delay, delay_of},
     epipolar::relative_pose,
     error::CalibrationError,
     loss::Loss,
     resection::{resect, triangulate},
+    strays::{Stray, name_strays},
+    wand::WandShape,
 };
 
 /// One camera's sightings: its intrinsics, and the pixel of each point where it saw it. The place in the
@@ -68,6 +73,9 @@ pub struct MotionOptions {
     /// Which of `fx fy cx cy k1 k2 p1 p2 k3` are refined with the poses; none by default. Needs points that fill
     /// the pictures.
     pub intrinsics: [bool; INTRINSICS],
+    /// Markers at each instant, where they are a wand's: place k of the lists is marker k modulo this. Points of
+    /// their own where it is 0 or 1.
+    pub markers: usize,
 }
 
 /// A camera's pose from points in motion.
@@ -81,13 +89,14 @@ pub struct MotionMember {
     pub model: CameraModel,
     /// Median length of its residuals, px.
     pub median_px: f64,
-    /// Root mean square of the residuals of its points that are no outliers, px.
+    /// Root mean square of the residuals of its points that are no strays, px.
     pub rms_px: f64,
-    /// The same over all of its points, the outliers too, px.
+    /// The same over all of its points, the strays too, px.
     pub rms_all_px: f64,
-    /// Share of its points that are outliers, 0–1: further off than five robust standard deviations (from the
-    /// median), as in calibration by boards. Found markers smear in fast motion, and jump.
-    pub outliers: f64,
+    /// Number of its points, with the strays.
+    pub points: usize,
+    /// Its points that contradict the rest.
+    pub strays: Vec<Stray>,
 }
 
 /// Cameras that agree, and those that do not.
@@ -97,6 +106,8 @@ pub struct MotionCalibration {
     pub cameras: Vec<MotionMember>,
     /// Cameras whose points contradict the others'.
     pub inconsistent: Vec<Inconsistent>,
+    /// Whether the points were found to be a rigid wand's, and held to that.
+    pub rigid: bool,
     /// The points, in the first consistent camera's frame; `None` where fewer than two cameras saw it.
     pub points: Vec<Option<Point<World>>>,
 }
@@ -116,8 +127,10 @@ pub struct Inconsistent {
 pub(super) const OUTLIER_PX: f64 = 2.0;
 /// Markers nearer than this to the picture's edge, px, are left out: they are ten pixels and more across.
 const CUT_PX: f64 = 8.0;
-/// Robust standard deviations from which a point is an outlier in the end.
-const OUTLIER_SIGMAS: f64 = 5.0;
+/// Loss of a point in motion: found markers smear, and jump.
+const LOSS: Loss = Loss::Cauchy { scale_px: 0.5 };
+/// The residual of a point that by the solution has no image at all, px.
+const NO_IMAGE_PX: f64 = 1e3;
 /// Fewest common points of a pair of cameras.
 pub(super) const LEAST_COMMON: usize = 20;
 /// A camera is inconsistent when leaving it out lowers the others' median residual, or its own lies above
@@ -132,7 +145,8 @@ const EXPLAINED: f64 = 0.3;
 ///
 /// Pairs by the essential matrix (eight points, random samples with a fixed seed), further cameras by
 /// resection, then a bundle adjustment over all points with Cauchy's loss. A camera that contradicts the
-/// others is left out and named.
+/// others is left out and named. Markers of a rigid wand are held to its shape in the end, and those that do not fit
+/// are named and left out.
 ///
 /// # Errors
 /// [`CalibrationError`]: fewer than two cameras, or no two with enough common points.
@@ -170,30 +184,52 @@ pub fn calibrate_motion(
         members.remove(leave);
         solved = without;
     }
+    let shape = WandShape::of(&solved.points, options.markers);
+    let strays = match &shape {
+        Some(shape) => stiffen(cameras, &members, &mut solved, shape, options)?,
+        None => name_strays(&sightings_of(cameras, &members), &solved.residuals, options.markers.max(1)),
+    };
     let cameras = members
         .iter()
-        .zip(&solved.poses)
-        .zip(&solved.models)
-        .zip(&solved.residuals)
-        .map(|(((m, pose), model), r)| {
-            let rms = |lengths: &[f64]| {
-                (lengths.iter().map(|r| r * r).sum::<f64>() / lengths.len().max(1) as f64).sqrt()
-            };
-            // The median length of a normal residual in two directions is √(2 ln 2) of its standard deviation.
-            let limit = OUTLIER_SIGMAS * median(r) / (2.0 * 2f64.ln()).sqrt();
-            let good: Vec<f64> = r.iter().copied().filter(|r| *r < limit).collect();
+        .zip(strays)
+        .enumerate()
+        .map(|(i, (m, strays))| {
+            let residuals = &solved.residuals[i];
+            let all: Vec<f64> = residuals.iter().flatten().copied().collect();
+            let good: Vec<f64> = residuals
+                .iter()
+                .enumerate()
+                .filter(|(place, _)| strays.iter().all(|s| s.place != *place))
+                .filter_map(|(_, r)| *r)
+                .collect();
             MotionMember {
                 name: cameras[*m].name.clone(),
-                camera_from_first: *pose,
-                model: *model,
-                median_px: median(r),
+                camera_from_first: solved.poses[i],
+                model: solved.models[i],
+                median_px: median(&all),
                 rms_px: rms(&good),
-                rms_all_px: rms(r),
-                outliers: 1.0 - good.len() as f64 / r.len().max(1) as f64,
+                rms_all_px: rms(&all),
+                points: all.len(),
+                strays,
             }
         })
         .collect();
-    Ok(MotionCalibration { cameras, inconsistent, points: solved.points })
+    Ok(MotionCalibration { cameras, inconsistent, rigid: shape.is_some(), points: solved.points })
+}
+
+fn rms(lengths: &[f64]) -> f64 {
+    (lengths.iter().map(|r| r * r).sum::<f64>() / lengths.len().max(1) as f64).sqrt()
+}
+
+fn sightings_of<'a>(cameras: &'a [MovingPoints], members: &[usize]) -> Vec<&'a [Option<Vector2<f64>>]> {
+    members.iter().map(|m| cameras[*m].pixels.as_slice()).collect()
+}
+
+impl MotionMember {
+    /// Share of its points that are strays, 0–1.
+    pub fn stray_share(&self) -> f64 {
+        self.strays.len() as f64 / self.points.max(1) as f64
+    }
 }
 
 impl MotionCalibration {
@@ -221,14 +257,45 @@ struct Solved {
     poses: Vec<Transform<Camera, World>>,
     models: Vec<CameraModel>,
     points: Vec<Option<Point<World>>>,
-    /// Per camera, lengths of its residuals.
-    residuals: Vec<Vec<f64>>,
+    /// Per camera and place, lengths of its residuals, px.
+    residuals: Vec<Vec<Option<f64>>>,
 }
 
 impl Solved {
     /// The largest of the cameras' median residuals, px.
     fn worst(&self) -> f64 {
-        self.residuals.iter().map(|r| median(r)).fold(0.0, f64::max)
+        let of_camera = |r: &Vec<Option<f64>>| median(&r.iter().flatten().copied().collect::<Vec<f64>>());
+        self.residuals.iter().map(of_camera).fold(0.0, f64::max)
+    }
+
+    /// Measures the residuals anew.
+    fn measure(&mut self, cameras: &[MovingPoints], members: &[usize]) {
+        let residual = |pose, model: &CameraModel, point: &Option<Point<World>>, pixel: &Option<_>| {
+            let (point, pixel): (_, Vector2<f64>) = ((*point)?, (*pixel)?);
+            let at = model.project(&(pose * point));
+            Some(at.map_or(NO_IMAGE_PX, |at: Vector2<f64>| (at - pixel).norm()))
+        };
+        self.residuals = members
+            .iter()
+            .zip(&self.poses)
+            .zip(&self.models)
+            .map(|((m, pose), model)| {
+                let pairs = self.points.iter().zip(&cameras[*m].pixels);
+                pairs.map(|(point, pixel)| residual(pose, model, point, pixel)).collect()
+            })
+            .collect();
+    }
+
+    /// Into the frame of the first camera.
+    fn from_first(&mut self) {
+        let Some(first) = self.poses.first().copied() else { return };
+        for pose in &mut self.poses {
+            let rotation = pose.rotation * first.rotation.inverse();
+            *pose = Transform::new(rotation, pose.translation - rotation * first.translation);
+        }
+        for point in self.points.iter_mut().flatten() {
+            *point = Point::from((&first * *point).coords);
+        }
     }
 }
 
@@ -299,29 +366,94 @@ fn solve_members(
     }
     let mut poses: Vec<Transform<Camera, World>> = poses.into_iter().flatten().collect();
     let models = adjust(cameras, members, &mut poses, &mut points, a, options).ok_or_else(not_connected)?;
-    let residuals = members
-        .iter()
-        .zip(&poses)
-        .zip(&models)
-        .map(|((m, pose), model)| {
-            let pairs = points.iter().zip(&cameras[*m].pixels);
-            pairs
-                .filter_map(|(p, pixel)| {
-                    let (p, pixel) = ((*p)?, (*pixel)?);
-                    Some(model.project(&(pose * p)).map_or(1e3, |at| (at - pixel).norm()))
-                })
-                .collect()
-        })
-        .collect();
-    // Into the frame of the first member, in units of the first baseline.
-    let first = poses[0];
-    let from_first = |pose: &Transform<Camera, World>| {
-        let rotation = pose.rotation * first.rotation.inverse();
-        Transform::new(rotation, pose.translation - rotation * first.translation)
-    };
-    let moved = poses.iter().map(from_first).collect();
-    let points = points.into_iter().map(|p| p.map(|p| Point::from((&first * p).coords))).collect();
-    Ok(Solved { poses: moved, models, points, residuals })
+    let mut solved = Solved { poses, models, points, residuals: Vec::new() };
+    solved.from_first();
+    solved.measure(cameras, members);
+    Ok(solved)
+}
+
+/// Rounds in which strays are named anew without those named before.
+const STRAY_ROUNDS: usize = 4;
+
+/// Solves once more with the wand held rigid. Strays take no part: what is off is measured from where the rest puts
+/// the wand, and named again until no more are found.
+fn stiffen(
+    cameras: &[MovingPoints],
+    members: &[usize],
+    solved: &mut Solved,
+    shape: &WandShape,
+    options: &MotionOptions,
+) -> Result<Vec<Vec<Stray>>, CalibrationError> {
+    let sightings = sightings_of(cameras, members);
+    let mut strays = vec![Vec::new(); members.len()];
+    for _ in 0..STRAY_ROUNDS {
+        let out: Vec<BTreeSet<usize>> =
+            strays.iter().map(|s: &Vec<Stray>| s.iter().map(|s| s.place).collect()).collect();
+        adjust_wand(&sightings, &out, solved, shape, options).ok_or_else(|| {
+            CalibrationError::NotConverged {
+                camera: members.iter().map(|m| cameras[*m].name.as_str()).collect::<Vec<_>>().join(", "),
+                rms_px: f64::INFINITY,
+            }
+        })?;
+        solved.from_first();
+        solved.measure(cameras, members);
+        let named = name_strays(&sightings, &solved.residuals, options.markers);
+        let same = named.iter().zip(&out).all(|(n, o)| n.iter().map(|s| s.place).eq(o.iter().copied()));
+        strays = named;
+        if same {
+            break;
+        }
+    }
+    Ok(strays)
+}
+
+/// Bundle adjustment over poses, wands and the intrinsics that are free; without the places `out` of each camera. The
+/// wand's length is the scale.
+fn adjust_wand(
+    sightings: &[&[Option<Vector2<f64>>]],
+    out: &[BTreeSet<usize>],
+    solved: &mut Solved,
+    shape: &WandShape,
+    options: &MotionOptions,
+) -> Option<()> {
+    let markers = options.markers;
+    let mut bundle = Bundle { cameras: Vec::new(), blocks: Vec::new(), sightings: Vec::new() };
+    for (i, (model, pose)) in solved.models.iter().zip(&solved.poses).enumerate() {
+        let freedom = Freedom { pose: i > 0, intrinsics: options.intrinsics, ..Freedom::NOTHING };
+        bundle.cameras.push(BundleCamera::new(*model, *pose, freedom));
+    }
+    let mut instants = Vec::new();
+    for (instant, points) in solved.points.chunks_exact(markers).enumerate() {
+        let Some(wand) = shape.lay(points) else { continue };
+        let block = bundle.blocks.len();
+        let mut seen = Vec::new();
+        for (camera, pixels) in sightings.iter().enumerate() {
+            let places = (0..markers).map(|k| instant * markers + k);
+            let (object, pixels): (Vec<_>, Vec<_>) = places
+                .filter(|place| !out[camera].contains(place))
+                .filter_map(|place| Some((shape.marker(place % markers), pixels[place]?)))
+                .unzip();
+            if !pixels.is_empty() {
+                seen.push(Sighting::new(camera, block, object, pixels));
+            }
+        }
+        // Two rays of each of two markers, or more: less does not hold a wand.
+        if seen.len() >= 2 && seen.iter().map(|s| s.pixels.len()).sum::<usize>() >= 4 {
+            bundle.sightings.extend(seen);
+            bundle.blocks.push(wand);
+            instants.push(instant);
+        }
+    }
+    bundle.solve(&SolveOptions { loss: LOSS, max_steps: 15 })?;
+    solved.poses = bundle.cameras.iter().map(|c| c.camera_from_rig).collect();
+    solved.models = bundle.cameras.iter().map(|c| c.model).collect();
+    solved.points.iter_mut().for_each(|p| *p = None);
+    for (instant, wand) in instants.into_iter().zip(&bundle.blocks) {
+        for k in 0..markers {
+            solved.points[instant * markers + k] = Some(Point::from(wand.place(&shape.marker(k))));
+        }
+    }
+    Some(())
 }
 
 /// Bundle adjustment over poses, points and the intrinsics that are free, whose models it returns; with camera `reference` held and one coordinate of the scale
@@ -362,7 +494,7 @@ fn adjust(
             bundle.sightings.truncate(keep);
         }
     }
-    bundle.solve(&SolveOptions { loss: Loss::Cauchy { scale_px: 0.5 }, max_steps: 25 })?;
+    bundle.solve(&SolveOptions { loss: LOSS, max_steps: 25 })?;
     for (pose, camera) in poses.iter_mut().zip(&bundle.cameras) {
         *pose = camera.camera_from_rig;
     }

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, error::Error, fs, path::PathBuf};
 use nalgebra::{Vector2, Vector3};
 use netcord_calib::{
     solve::{
-        INTRINSIC_NAMES, Inconsistent, MotionCalibration, MotionMember, MotionOptions, MovingPoints,
+        INTRINSIC_NAMES, Inconsistent, MotionCalibration, MotionMember, MotionOptions, MovingPoints, Stray,
         calibrate_motion, scale_by_gravity,
     },
     table::mark,
@@ -171,6 +171,8 @@ struct Report {
     scale: &'static str,
     /// Standard deviation of the scale as a share of it, where it is known.
     scale_sigma: Option<f64>,
+    /// Whether the markers were found to be a rigid wand's, and held to that.
+    rigid_wand: bool,
     cameras: BTreeMap<String, CameraReport>,
     inconsistent: BTreeMap<String, InconsistentReport>,
     points: usize,
@@ -190,13 +192,25 @@ struct CameraReport {
     rotation: [[f64; 3]; 3],
     translation: [f64; 3],
     median_px: f64,
-    /// Without outliers, and with them.
+    /// Without strays, and with them.
     rms_px: f64,
     rms_all_px: f64,
-    outliers: f64,
+    points: usize,
+    strays: Vec<StrayReport>,
     /// fx fy cx cy k1 k2 p1 p2 k3, where some were refined.
     #[serde(skip_serializing_if = "Option::is_none")]
     intrinsics: Option<BTreeMap<&'static str, f64>>,
+}
+
+/// A point that contradicts the rest.
+#[derive(Serialize)]
+struct StrayReport {
+    t_ns: u64,
+    /// Counted from 1.
+    marker: usize,
+    off_px: f64,
+    /// Seen just before or after the camera lost a marker: something comes before it.
+    half_hidden: bool,
 }
 
 /// Runs `netcord calib motion`.
@@ -215,7 +229,7 @@ pub fn run(args: &Args) -> CommandResult {
             )
         })
     })?;
-    let mut options = MotionOptions::default();
+    let mut options = MotionOptions { markers: joined.markers, ..MotionOptions::default() };
     for Intrinsic(i) in &args.refine {
         options.intrinsics[*i] = true;
     }
@@ -224,12 +238,15 @@ pub fn run(args: &Args) -> CommandResult {
     for c in &found.cameras {
         let t = c.camera_from_first.origin().coords;
         println!(
-            "{:<12} median {:.3} px, RMS {:.3} px ({:.3} px with the {:.1} % that are outliers), at ({:+.4}, {:+.4}, {:+.4})",
+            "{:<12} {} points, median {:.3} px, RMS {:.3} px without {} that do not fit ({} of them half hidden), {:.3} px \
+             with them; at ({:+.4}, {:+.4}, {:+.4})",
             c.name,
+            c.points,
             c.median_px,
             c.rms_px,
+            c.strays.len(),
+            c.strays.iter().filter(|s| s.half_hidden).count(),
             c.rms_all_px,
-            100.0 * c.outliers,
             t.x,
             t.y,
             t.z
@@ -244,7 +261,7 @@ pub fn run(args: &Args) -> CommandResult {
         (by, None) => println!("scale by {by}"),
     }
     if let Some(path) = &args.report {
-        let report = report(scale, scale_sigma, &found, !args.refine.is_empty());
+        let report = report(scale, scale_sigma, &found, &joined, !args.refine.is_empty());
         fs::write(path, serde_json::to_string_pretty(&report)?)
             .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
     }
@@ -340,14 +357,27 @@ fn scale_by_marks(marks: &[String], found: &MotionCalibration) -> Result<f64, Bo
         .ok_or_else(|| "scale by the table needs two marks, each in two cameras".into())
 }
 
-fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibration, refined: bool) -> Report {
+fn report(
+    scale: &'static str,
+    scale_sigma: Option<f64>,
+    found: &MotionCalibration,
+    joined: &Joined,
+    refined: bool,
+) -> Report {
+    let stray = |s: &Stray| StrayReport {
+        t_ns: joined.times_ns[s.place / joined.markers],
+        marker: s.place % joined.markers + 1,
+        off_px: s.off_px,
+        half_hidden: s.half_hidden,
+    };
     let camera = |c: &MotionMember| CameraReport {
         rotation: c.camera_from_first.rotation.matrix().transpose().into(),
         translation: c.camera_from_first.translation.into(),
         median_px: c.median_px,
         rms_px: c.rms_px,
         rms_all_px: c.rms_all_px,
-        outliers: c.outliers,
+        points: c.points,
+        strays: c.strays.iter().map(stray).collect(),
         intrinsics: refined.then(|| INTRINSIC_NAMES.into_iter().zip(c.model.parameters()).collect()),
     };
     let inconsistent = |i: &Inconsistent| InconsistentReport {
@@ -358,6 +388,7 @@ fn report(scale: &'static str, scale_sigma: Option<f64>, found: &MotionCalibrati
     Report {
         scale,
         scale_sigma,
+        rigid_wand: found.rigid,
         cameras: found.cameras.iter().map(|c| (c.name.clone(), camera(c))).collect(),
         inconsistent: found.inconsistent.iter().map(|i| (i.name.clone(), inconsistent(i))).collect(),
         points: found.points.iter().flatten().count(),
