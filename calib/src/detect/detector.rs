@@ -1,10 +1,12 @@
+use std::cmp::Reverse;
+
 use nalgebra::{Vector2, Vector3};
 use thiserror::Error;
 
 use super::{
     Corner, Depth,
     crossing::fit_crossing,
-    fiducial::{any_markers, board_markers, charuco_corners, grid_corners, quads_of},
+    fiducial::{any_markers, board_markers, charuco_corners, grid_corners, quads_of, recover},
     lattice,
     luma::Luma,
     markers::Marker,
@@ -110,14 +112,13 @@ impl Detector {
         for (picture, inverted) in [(image.clone(), false), (image.inverted(), true)] {
             let note = if inverted { ", inverted" } else { "" };
             let quads = quads_of(&picture, Depth::Final);
-            let mut best: Option<(usize, String)> = None;
-            for name in Dictionary::names().iter().rev() {
+            let mut best: Option<((usize, Reverse<usize>), String)> = None;
+            for name in Dictionary::names() {
                 let Ok(dictionary) = Dictionary::predefined(name) else { continue };
                 let markers = any_markers(&picture, &quads, &dictionary);
-                // Small dictionaries come first: the smallest that explains as many is the likeliest.
-                if markers.len() >= 2
-                    && best.as_ref().is_none_or(|b| markers.len() > b.0 || markers.len() == b.0)
-                {
+                // The smallest that explains as many is the likeliest.
+                let explains = (markers.len(), Reverse(dictionary.len()));
+                if markers.len() >= 2 && best.as_ref().is_none_or(|b| explains > b.0) {
                     let ids: Vec<String> = markers.iter().take(6).map(|m| m.id.to_string()).collect();
                     let more = if markers.len() > 6 { " …" } else { "" };
                     let text = format!(
@@ -125,7 +126,7 @@ impl Detector {
                         markers.len(),
                         ids.join(" ")
                     );
-                    best = Some((markers.len(), text));
+                    best = Some((explains, text));
                 }
             }
             seen.extend(best.map(|b| b.1));
@@ -164,7 +165,10 @@ fn find_side(image: &Luma, side: &CalibrationBoard, depth: Depth, quads: &[Quad]
             BoardView { corners: board.corners, markers: Vec::new(), anchored: board.anchored }
         }
         Pattern::ArucoGrid { .. } => {
-            let markers = board_markers(image, quads, side);
+            let mut markers = board_markers(image, quads, side);
+            if depth == Depth::Final {
+                recover(image, &mut markers, side);
+            }
             let corners = grid_corners(image, &markers, side, depth);
             BoardView { corners, markers, anchored: true }
         }

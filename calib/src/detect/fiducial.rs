@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::{
     Corner, Depth,
     luma::Luma,
-    markers::{Marker, decode, refine_corners},
-    neighbours::drop_misfits,
+    markers::{Marker, confirm, decode, refine_corners},
+    neighbours::{MISFIT_SIGMAS, drop_misfits},
     pattern_fit::fit_pattern,
     quads::{Quad, find_quads},
     saddle::SaddleFit,
@@ -154,6 +154,47 @@ fn consistent(found: Vec<Marker>, placed: &[PlacedMarker], dictionary: &Dictiona
     markers
 }
 
+/// Markers that no quadrilateral was seen of, because something lies over their edges: looked for where those around
+/// foretell them, again and again from what that finds.
+pub(super) fn recover(image: &Luma, markers: &mut Vec<Marker>, board: &CalibrationBoard) {
+    /// Markers around that foretell one, and how many there must be.
+    const AROUND: usize = 4;
+    const LEAST: usize = 2;
+    let Some(dictionary) = board.dictionary() else { return };
+    let placed = board.markers();
+    let reach = placed.iter().map(|p| p.side).fold(0.0, f64::max) * 3.0;
+    loop {
+        let before = markers.len();
+        for place in &placed {
+            if markers.iter().any(|m| m.id == place.id) {
+                continue;
+            }
+            let mut around: Vec<(f64, &Marker)> = markers
+                .iter()
+                .filter_map(|m| Some(((place_of(&placed, m.id)?.origin - place.origin).norm(), m)))
+                .filter(|(far, _)| *far < reach)
+                .collect();
+            around.sort_by(|a, b| a.0.total_cmp(&b.0));
+            around.truncate(AROUND);
+            if around.len() < LEAST {
+                continue;
+            }
+            let Some(h) = homography_of(around.into_iter().map(|(_, m)| m), &placed) else { continue };
+            let corners = place.corners().map(|c| apply_homography(&h, &c));
+            let [Some(a), Some(b), Some(c), Some(d)] = corners else { continue };
+            markers.extend(confirm(image, &[a, b, c, d], dictionary, place.id, dictionary.correction()));
+        }
+        if markers.len() == before {
+            break;
+        }
+    }
+    markers.sort_by_key(|m| m.id);
+}
+
+/// Standard deviations that a corner of a marker may be off: a marker is fitted wherever its pattern can be read, whatever
+/// lies over its edges.
+const MARKER_SIGMAS: f64 = 3.0;
+
 /// Corners of an ArUco grid board: those of its markers, refined by their edges.
 pub(super) fn grid_corners(
     image: &Luma,
@@ -168,8 +209,11 @@ pub(super) fn grid_corners(
     let gap_cells = gap_m / (marker_m / cells as f64);
     let refine = |m: &Marker| match depth {
         Depth::Guiding => Some(*m),
-        Depth::Final => refine_corners(image, m, cells, gap_cells)
-            .map(|edges| fit_pattern(image, &edges, dictionary, gap_cells).unwrap_or(edges)),
+        // Edges with something drawn over them are no lines; the pattern between them is still there.
+        Depth::Final => match refine_corners(image, m, cells, gap_cells) {
+            Some(edges) => Some(fit_pattern(image, &edges, dictionary, gap_cells).unwrap_or(edges)),
+            None => fit_pattern(image, m, dictionary, gap_cells),
+        },
     };
     let refined: Vec<Marker> = markers.par_iter().filter_map(refine).collect();
     let mut corners: Vec<Corner> = refined
@@ -177,7 +221,10 @@ pub(super) fn grid_corners(
         .flat_map(|m| (0..4).map(move |k| Corner { id: (m.id - first_id) * 4 + k, at: m.corners[k] }))
         .collect();
     let points = board.corners();
-    drop_misfits(&mut corners, &points, marker_m + gap_m);
+    drop_misfits(&mut corners, &points, marker_m + gap_m, MARKER_SIGMAS);
+    // What led two corners of a marker astray led its others, too.
+    let left: Vec<usize> = corners.iter().map(|c| c.id / 4).collect();
+    corners.retain(|c| left.iter().filter(|m| **m == c.id / 4).count() > 2);
     corners
 }
 
@@ -228,7 +275,7 @@ pub(super) fn charuco_corners(image: &Luma, markers: &[Marker], board: &Calibrat
     strengths.sort_by(f64::total_cmp);
     let weakest = strengths.get(strengths.len() / 2).map_or(0.0, |s| 0.12 * s);
     let mut corners: Vec<Corner> = found.into_iter().filter(|(_, s)| *s > weakest).map(|(c, _)| c).collect();
-    drop_misfits(&mut corners, &points, *square_m);
+    drop_misfits(&mut corners, &points, *square_m, MISFIT_SIGMAS);
     corners
 }
 

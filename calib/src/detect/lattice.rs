@@ -13,7 +13,7 @@ use super::{
     chess::{Candidate, MOST, candidates, is_corner, turn},
     fiducial::fit_radius,
     luma::Luma,
-    neighbours::drop_misfits,
+    neighbours::{MISFIT_SIGMAS, drop_misfits},
     saddle::{Saddle, SaddleFit},
 };
 
@@ -470,7 +470,7 @@ fn place(searched: &Searched<'_>, lattice: Lattice, columns: usize, rows: usize)
     for _ in 0..2 {
         let cells: BTreeMap<usize, Cell> = board.keys().filter_map(|c| id_of(c).map(|id| (id, *c))).collect();
         corners = cells.iter().map(|(id, c)| Corner { id: *id, at: board[c].at }).collect();
-        drop_misfits(&mut corners, &points, 1.0);
+        drop_misfits(&mut corners, &points, 1.0, MISFIT_SIGMAS);
         let before = corners.len();
         board = corners.iter().map(|c| (cells[&c.id], board[&cells[&c.id]])).collect();
         board = complete(searched, board, columns.max(rows))

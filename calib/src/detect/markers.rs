@@ -119,6 +119,19 @@ pub(super) fn decode(
     found
 }
 
+/// Marker `id` where it is foretold to be: its corners in its own order, read with up to `max_errors` bits wrong.
+pub(super) fn confirm(
+    image: &Luma,
+    foretold: &Quad,
+    dictionary: &Dictionary,
+    id: usize,
+    max_errors: u32,
+) -> Option<Marker> {
+    let bits = read(image, foretold, dictionary.size())?;
+    let reading = dictionary.identify(bits, std::iter::once(id), max_errors)?;
+    (reading.turns == 0).then_some(Marker { id, corners: *foretold, errors: reading.errors })
+}
+
 /// Moves a marker's corners to where the lines through its edges meet: along each side, the edge is the
 /// centroid of the gradient across it.
 pub(super) fn refine_corners(image: &Luma, marker: &Marker, cells: usize, gap_cells: f64) -> Option<Marker> {

@@ -5,10 +5,10 @@ use nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use super::Corner;
 use crate::solve::{apply_homography, homography};
 
-/// Furthest from where the others put it, in px…
+/// Furthest from where the others put it, in px; or in robust standard deviations of all corners, whichever is more.
 const FLOOR_PX: f64 = 1.0;
-/// …or in robust standard deviations of all corners, whichever is more.
-const SIGMAS: f64 = 6.0;
+/// Standard deviations that a corner of a chessboard or ChArUco board may be off: a saddle that was found is seldom wrong.
+pub(super) const MISFIT_SIGMAS: f64 = 6.0;
 /// Fewest corners for which the lens is modelled; below, a board covers too little of the picture for it
 /// to matter beyond [`SMALL_SHARE`].
 const FEW: usize = 16;
@@ -19,22 +19,22 @@ const ROUNDS: usize = 6;
 
 /// Takes out corners that lie off the robust fit of a homography followed by a polynomial (second degree,
 /// from 40 corners on third), which follows lens distortion over a board closely. `spacing_m` is the
-/// distance of neighbours on the board.
-pub(super) fn drop_misfits(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64) {
+/// distance of neighbours on the board; `sigmas` standard deviations are allowed.
+pub(super) fn drop_misfits(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64, sigmas: f64) {
     // A gross mistake bends the homography itself: again without what was dropped.
     for _ in 0..3 {
         let before = corners.len();
         if before < 6 {
             return;
         }
-        drop_once(corners, points, spacing_m);
+        drop_once(corners, points, spacing_m, sigmas);
         if corners.len() == before {
             return;
         }
     }
 }
 
-fn drop_once(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64) {
+fn drop_once(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64, sigmas: f64) {
     let from: Vec<Vector2<f64>> = corners.iter().map(|c| points[c.id].xy()).collect();
     let to: Vec<Vector2<f64>> = corners.iter().map(|c| c.at).collect();
     let Some(h) = homography(&from, &to) else { return };
@@ -80,7 +80,7 @@ fn drop_once(corners: &mut Vec<Corner>, points: &[Vector3<f64>], spacing_m: f64)
         let scale = 3.0 * sigma;
         weights = residuals.iter().map(|r| 1.0 / (1.0 + (r / scale).powi(2))).collect();
     }
-    let limit = (SIGMAS * sigma).max(FLOOR_PX);
+    let limit = (sigmas * sigma).max(FLOOR_PX);
     let mut index = 0..;
     corners.retain(|_| index.next().is_none_or(|i: usize| residuals[i] <= limit));
 }
