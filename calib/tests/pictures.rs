@@ -51,15 +51,20 @@ fn chessboards_of_the_opencv_samples_are_found_whole_and_calibrate_better_than_o
 /// A corner further from its fitted board than this is wrong.
 const RIGHT_PX: f64 = 1.0;
 
-/// How far each corner is from its board: a homography and a polynomial of third degree, which takes up the lens and
-/// the bend of the paper, by least squares over all corners alike.
-fn off_the_board(detector: &Detector, found: &BoardView) -> Vec<f64> {
+/// What takes up the lens, and paper that lies nearly flat.
+const FLAT: i32 = 3;
+/// The same for paper that is bent between two hands.
+const BENT: i32 = 4;
+
+/// How far each corner is from its board: a homography and a polynomial of this degree, by least squares over all
+/// corners alike.
+fn off_the_board(detector: &Detector, found: &BoardView, degree: i32) -> Vec<f64> {
     let from: Vec<Vector2<f64>> = found.corners.iter().map(|c| detector.points()[c.id].xy()).collect();
     let to: Vec<Vector2<f64>> = found.corners.iter().map(|c| c.at).collect();
     let h = homography(&from, &to).expect("a plane");
     let forecast: Vec<Vector2<f64>> = from.iter().map(|p| apply_homography(&h, p).expect("finite")).collect();
     let scale = from.iter().map(|p| p.amax()).fold(0.0, f64::max);
-    let terms: Vec<(i32, i32)> = (0..=3).flat_map(|d| (0..=d).map(move |i| (d - i, i))).collect();
+    let terms: Vec<(i32, i32)> = (0..=degree).flat_map(|d| (0..=d).map(move |i| (d - i, i))).collect();
     let design = DMatrix::from_fn(from.len(), terms.len(), |r, c| {
         (from[r].x / scale).powi(terms[c].0) * (from[r].y / scale).powi(terms[c].1)
     });
@@ -70,10 +75,10 @@ fn off_the_board(detector: &Detector, found: &BoardView) -> Vec<f64> {
 }
 
 /// Corners found in a picture, all of which must be right.
-fn right_corners(detector: &Detector, picture: &Path) -> usize {
+fn right_corners(detector: &Detector, picture: &Path, degree: i32) -> usize {
     let name = picture.file_name().expect("a name").to_string_lossy().into_owned();
     let found = detector.find(&grey(picture), Depth::Final).unwrap_or_else(|| panic!("{name}: no board"));
-    let off = off_the_board(detector, &found);
+    let off = off_the_board(detector, &found, degree);
     let worst = off.iter().copied().fold(0.0, f64::max);
     println!("{name}: {} corners, the worst {worst:.2} px off the board", off.len());
     assert!(worst < RIGHT_PX, "{name}: {worst} px");
@@ -95,7 +100,7 @@ fn charuco_boards_are_found_as_whole_as_by_the_best() {
     let mut pictures: Vec<_> = (0..4).map(|n| views.join(format!("img_{n:02}.jpg"))).collect();
     pictures.extend([misc.join("choriginal.jpg"), misc.join("chocclusion_original.jpg")]);
     // The best takes for a twentieth corner of the last picture a place of which a mouse covers a half.
-    let found = pictures.iter().map(|p| right_corners(&detector, p)).sum();
+    let found = pictures.iter().map(|p| right_corners(&detector, p, FLAT)).sum();
     at_least(found, 5 * 24 + 20, "ChArUco boards");
 }
 
@@ -103,8 +108,8 @@ fn charuco_boards_are_found_as_whole_as_by_the_best() {
 fn a_grid_of_markers_is_found_whole_and_under_a_hand_and_drawings() {
     let Some(misc) = shared("boards/aruco-opencv/opencv_aruco_misc") else { return };
     let detector = detector(&format!("aruco:5x7:{}:40mm:8mm", misc.join("tutorial_dict.yml").display()));
-    at_least(right_corners(&detector, &misc.join("gboriginal.png")), 35 * 4, "whole grid");
-    at_least(right_corners(&detector, &misc.join("gbocclusion.png")), 19 * 4, "covered grid");
+    at_least(right_corners(&detector, &misc.join("gboriginal.png"), FLAT), 35 * 4, "whole grid");
+    at_least(right_corners(&detector, &misc.join("gbocclusion.png"), FLAT), 19 * 4, "covered grid");
 }
 
 #[test]
@@ -128,8 +133,8 @@ fn chessboards_of_other_cameras_are_found_whole() {
     };
     let photos = pictures("aruco-opencv/chessboard-9x6-photos");
     assert_eq!(photos.len(), 16);
-    at_least(photos.iter().map(|p| right_corners(&detector, p)).sum(), 16 * 54, "photos");
+    at_least(photos.iter().map(|p| right_corners(&detector, p, FLAT)).sum(), 16 * 54, "photos");
     // Of these OpenCV finds seven of eight; in the eighth the picture ends before the board does.
     let webcams = pictures("charuco-4cam/chessboard_intrinsic");
-    at_least(webcams.iter().map(|p| right_corners(&detector, p)).sum(), 7 * 54, "webcams");
+    at_least(webcams.iter().map(|p| right_corners(&detector, p, BENT)).sum(), 7 * 54, "webcams");
 }
