@@ -287,7 +287,7 @@ impl Solved {
     }
 
     /// Into the frame of the first camera.
-    fn from_first(&mut self) {
+    fn move_into_first(&mut self) {
         let Some(first) = self.poses.first().copied() else { return };
         for pose in &mut self.poses {
             let rotation = pose.rotation * first.rotation.inverse();
@@ -367,7 +367,7 @@ fn solve_members(
     let mut poses: Vec<Transform<Camera, World>> = poses.into_iter().flatten().collect();
     let models = adjust(cameras, members, &mut poses, &mut points, a, options).ok_or_else(not_connected)?;
     let mut solved = Solved { poses, models, points, residuals: Vec::new() };
-    solved.from_first();
+    solved.move_into_first();
     solved.measure(cameras, members);
     Ok(solved)
 }
@@ -395,7 +395,7 @@ fn stiffen(
                 rms_px: f64::INFINITY,
             }
         })?;
-        solved.from_first();
+        solved.move_into_first();
         solved.measure(cameras, members);
         let named = name_strays(&sightings, &solved.residuals, options.markers);
         let same = named.iter().zip(&out).all(|(n, o)| n.iter().map(|s| s.place).eq(o.iter().copied()));
