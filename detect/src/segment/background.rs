@@ -4,7 +4,7 @@ use netcord_common::{FrameView, PixelFormat};
 
 use super::{
     colour::colour_of,
-    kernel::{BackgroundRow, Kernel, LevelTables, WORD_PX},
+    kernel::{BackgroundRow, Kernel, LevelTables},
     noise::Noise,
 };
 
@@ -17,8 +17,8 @@ pub const ZONE_ROWS: usize = 160;
 const PROBES: usize = 8;
 const PROBE_PX: usize = 64;
 
-/// Once learnt, a row is looked at every so many frames: 160 ms at 100 Hz.
-const PERIOD: usize = 16;
+/// Once learnt, a row is looked at every so many frames: 320 ms at 100 Hz.
+const PERIOD: usize = 32;
 /// In the beginning more often.
 const FIRST_PERIOD: usize = 4;
 /// Frames that the beginning lasts.
@@ -27,6 +27,8 @@ const FIRST_FRAMES: u64 = 64;
 /// From this change of light on, the background itself is brought to the new light: the tables by which a
 /// smaller change is followed are rounded to sixteen levels.
 const RELIGHT: f32 = 0.12;
+/// Change of light that no entry of a table shows.
+const SAME_LIGHT: f32 = 0.002;
 /// Zones that are brought to new light in one frame, at most: where lamps flicker all of them ask for it at once,
 /// and the tables serve until it is their turn.
 const RELIT_AT_ONCE: usize = 4;
@@ -78,7 +80,12 @@ pub struct Background {
     noise: Noise,
     frames: u64,
     patience: u8,
+    /// The light for which the tables of each zone were made.
+    tabled: Vec<f32>,
+    /// What the probes saw last, against the background, zone by zone.
     ratios: Vec<f32>,
+    /// Room for a median.
+    sorted: Vec<f32>,
 }
 
 impl Background {
@@ -98,7 +105,9 @@ impl Background {
             noise: Noise::new(),
             frames: 0,
             patience: (PATIENCE_S * rate_hz / PERIOD as f64).round().clamp(4.0, 100.0) as u8,
+            tabled: vec![1.0; zones.0 * zones.1],
             ratios: vec![1.0; zones.0 * zones.1 * PROBES],
+            sorted: Vec::with_capacity(zones.0 * zones.1 * PROBES),
         }
     }
 
@@ -121,8 +130,9 @@ impl Background {
         }
         self.evidence.fill(0);
         self.light.fill(1.0);
+        self.ratios.fill(1.0);
         self.frames = 1;
-        self.make_tables();
+        (0..self.light.len()).for_each(|zone| self.make_table(zone));
     }
 
     /// The level of a row.
@@ -145,6 +155,16 @@ impl Background {
         (f32::from(self.level[y * self.size.0 + x]) * self.light[self.zone(x, y)]).min(255.0)
     }
 
+    /// The levels expected at the four pixels of a cell whose top left one is (x, y), both even, row by row, DN.
+    #[inline]
+    pub fn expected_cell(&self, x: usize, y: usize) -> [f32; 4] {
+        // Zones are made of whole cells.
+        let light = self.light[self.zone(x, y)];
+        let at = y * self.size.0 + x;
+        [at, at + 1, at + self.size.0, at + self.size.0 + 1]
+            .map(|at| (f32::from(self.level[at]) * light).min(255.0))
+    }
+
     /// Red, mean green and blue expected of a cell whose top left pixel is (x, y), both even, DN.
     pub fn expected_colour(&self, format: PixelFormat, x: usize, y: usize) -> [f32; 3] {
         colour_of(format, |dx, dy| self.expected(x + dx, y + dy))
@@ -156,45 +176,34 @@ impl Background {
     }
 
     /// Finds out how the light of a frame differs from the background's, zone by zone, from stretches spread
-    /// over the frame (1.4 % of it). Mains flicker and dimmed lamps change all of a zone alike, which things
-    /// that move do not: medians tell them apart.
+    /// over the frame (0.7 % of it; twice as much in the beginning). Mains flicker and dimmed lamps change all of a
+    /// zone alike, which things that move do not: medians tell them apart.
     pub fn look_at_light(&mut self, view: &FrameView<'_>) {
-        for n in 0..self.ratios.len() {
+        // Of each zone's probes every other one looks at this frame.
+        let (first, step) = if self.is_known() { (self.frames as usize % 2, 2) } else { (0, 1) };
+        for n in (first..self.ratios.len()).step_by(step) {
             // Scattered reads: each waits for memory unless it has been asked for a little before.
-            if let Some(probe) = self.probe_place(n + PROBES_AHEAD) {
+            if let Some(probe) = self.probe_place(n + step * PROBES_AHEAD) {
                 self.kernel.prefetch(&view.row(probe.y)[probe.x.clone()]);
                 self.kernel.prefetch(&self.row(probe.y)[probe.x]);
             }
-            let Some(PlaceOfProbe { y, x }) = self.probe_place(n) else { break };
-            let seen = &view.row(y)[x.clone()];
-            let count = seen.len() as f32;
-            let sums = self.kernel.probe(seen, &self.row(y)[x], &self.tables[n / PROBES]);
-            let (seen_mean, level_mean) = (sums.seen as f32 / count, sums.level as f32 / count);
-            // Half a level added to both: dark stretches tell little and must not tell wild ratios.
-            let ratio = (seen_mean + 0.5) / (level_mean + 0.5);
-            self.ratios[n] = if level_mean < 3.0 || seen_mean > 250.0 { f32::NAN } else { ratio };
-            self.noise.look(seen_mean, sums.deviation as f32 / count);
+            self.probe(view, n);
         }
-        let whole = median_of(&self.ratios).unwrap_or(1.0);
+        let whole = self.median_of_probes(first, step, |ratio, _| ratio).unwrap_or(1.0);
+        if step == 2 {
+            // What the others saw is a frame old: by so much has the light changed since.
+            let change = self.median_of_probes(first, step, |ratio, last| ratio / last).unwrap_or(1.0);
+            self.ratios.iter_mut().skip(1 - first).step_by(2).for_each(|ratio| *ratio *= change);
+        }
         for zone in 0..self.light.len() {
-            let probes = &self.ratios[zone * PROBES..][..PROBES];
-            // Of the zone's probes those count that lie near the frame's own change or the zone's last one:
-            // the others see something that moves.
             let last = self.light[zone];
-            let near = |r: f32| (r / whole - 1.0).abs() < 0.25 || (r / last - 1.0).abs() < 0.1;
-            let mut kept = [f32::NAN; PROBES];
-            for (kept, r) in kept.iter_mut().zip(probes) {
-                if near(*r) {
-                    *kept = *r;
-                }
-            }
-            let count = kept.iter().filter(|r| r.is_finite()).count();
-            let found = if count * 2 >= PROBES { median_of(&kept).unwrap_or(whole) } else { whole };
+            let found = self.light_by_probes(zone, whole, last).unwrap_or(whole);
             // Eight probes are a noisy witness; the whole frame is a steady one.
             self.light[zone] =
                 if (found / whole - 1.0).abs() < 0.03 { 0.7 * whole + 0.3 * found } else { found };
         }
-        if self.frames.is_multiple_of(8) || self.frames < 8 {
+        let refit = self.frames.is_multiple_of(8) || self.frames < 8;
+        if refit {
             self.noise.refit();
         }
         if self.is_known() {
@@ -208,7 +217,79 @@ impl Background {
                 }
             }
         }
-        self.make_tables();
+        for zone in 0..self.light.len() {
+            if refit || (self.light[zone] - self.tabled[zone]).abs() > SAME_LIGHT {
+                self.make_table(zone);
+            }
+        }
+    }
+
+    /// As [`Self::look_at_light`], for the zones of a few columns and rows only: enough for a search window, and
+    /// there at once.
+    pub fn look_at_light_within(
+        &mut self,
+        view: &FrameView<'_>,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+    ) {
+        if columns.is_empty() || rows.is_empty() {
+            return;
+        }
+        for y in (rows.start / ZONE_ROWS)..=((rows.end - 1) / ZONE_ROWS) {
+            for x in (columns.start / ZONE_PX)..=((columns.end - 1) / ZONE_PX) {
+                let zone = self.zone(x * ZONE_PX, y * ZONE_ROWS);
+                for n in zone * PROBES..(zone + 1) * PROBES {
+                    if let Some(probe) = self.probe_place(n + PROBES_AHEAD / 2) {
+                        self.kernel.prefetch(&view.row(probe.y)[probe.x.clone()]);
+                        self.kernel.prefetch(&self.row(probe.y)[probe.x]);
+                    }
+                    self.probe(view, n);
+                }
+                let last = self.light[zone];
+                if let Some(found) = self.light_by_probes(zone, last, last) {
+                    self.light[zone] =
+                        if (found / last - 1.0).abs() < 0.03 { 0.5 * (last + found) } else { found };
+                    self.make_table(zone);
+                }
+            }
+        }
+    }
+
+    /// The median over every `step`th probe from `first` on of something made of what it saw and of its zone's last
+    /// light.
+    fn median_of_probes(&mut self, first: usize, step: usize, of: impl Fn(f32, f32) -> f32) -> Option<f32> {
+        self.sorted.clear();
+        let probes = self.ratios.iter().enumerate().skip(first).step_by(step);
+        self.sorted.extend(probes.map(|(n, ratio)| of(*ratio, self.light[n / PROBES])));
+        median_of(&mut self.sorted)
+    }
+
+    /// Looks at one stretch.
+    fn probe(&mut self, view: &FrameView<'_>, n: usize) {
+        let Some(PlaceOfProbe { y, x }) = self.probe_place(n) else { return };
+        let seen = &view.row(y)[x.clone()];
+        let count = seen.len() as f32;
+        let sums = self.kernel.probe(seen, &self.row(y)[x], &self.tables[n / PROBES]);
+        let (seen_mean, level_mean) = (sums.seen as f32 / count, sums.level as f32 / count);
+        // Half a level added to both: dark stretches tell little and must not tell wild ratios.
+        let ratio = (seen_mean + 0.5) / (level_mean + 0.5);
+        self.ratios[n] = if level_mean < 3.0 || seen_mean > 250.0 { f32::NAN } else { ratio };
+        self.noise.look(seen_mean, sums.deviation as f32 / count);
+    }
+
+    /// A zone's light by its probes. Those count that lie near the frame's own change or the zone's last one: the
+    /// others see something that moves. None where that is most of them.
+    fn light_by_probes(&self, zone: usize, whole: f32, last: f32) -> Option<f32> {
+        let near = |r: f32| (r / whole - 1.0).abs() < 0.25 || (r / last - 1.0).abs() < 0.1;
+        let mut kept = [0.0; PROBES];
+        let mut count = 0;
+        for ratio in &self.ratios[zone * PROBES..][..PROBES] {
+            if near(*ratio) {
+                kept[count] = *ratio;
+                count += 1;
+            }
+        }
+        if count * 2 >= PROBES { median_of(&mut kept[..count]) } else { None }
     }
 
     /// Where probe `n` lies in the present frame: a lattice that shifts with the frames, so that in time all of
@@ -220,8 +301,9 @@ impl Background {
         let rows = height.checked_sub(zone_y * ZONE_ROWS)?.min(ZONE_ROWS);
         let columns = (width - zone_x * ZONE_PX).min(ZONE_PX);
         let shift = (self.frames as usize).wrapping_mul(7) + probe * rows / PROBES;
-        let room = columns.saturating_sub(PROBE_PX) + 1;
-        let x = zone_x * ZONE_PX + (probe * 89 + self.frames as usize * 13) % room;
+        // Whole lines of the cache, where frames begin with one.
+        let room = (columns / PROBE_PX).max(1);
+        let x = zone_x * ZONE_PX + (probe * 3 + self.frames as usize) % room * PROBE_PX;
         let y = zone_y * ZONE_ROWS + shift % rows.max(1);
         (zone < self.light.len()).then_some(PlaceOfProbe { y, x: x..(x + PROBE_PX).min(width) })
     }
@@ -240,19 +322,22 @@ impl Background {
             }
         }
         self.light[zone] = 1.0;
+        self.ratios[zone * PROBES..][..PROBES].iter_mut().for_each(|ratio| *ratio /= light);
     }
 
-    fn make_tables(&mut self) {
-        for (tables, light) in self.tables.iter_mut().zip(&self.light) {
-            for i in 0..16 {
-                let level = (16 * i + 8) as f32;
-                let change = (level * (light - 1.0)).round();
-                tables.brighter[i] = change.max(0.0) as u8;
-                tables.dimmer[i] = (-change).max(0.0) as u8;
-                let rounding = 8.0 * (light - 1.0).abs();
-                let threshold = THRESHOLD_SIGMAS * self.noise.sigma(level * light) + 0.6 * rounding;
-                tables.threshold[i] = threshold.ceil().clamp(2.0, 60.0) as u8;
-            }
+    fn make_table(&mut self, zone: usize) {
+        let light = self.light[zone];
+        self.tabled[zone] = light;
+        let tables = &mut self.tables[zone];
+        let rounding = 8.0 * (light - 1.0).abs();
+        for i in 0..16 {
+            let level = (16 * i + 8) as f32;
+            let change = level * (light - 1.0);
+            // Casts to u8 round down and saturate.
+            tables.brighter[i] = (change + 0.5) as u8;
+            tables.dimmer[i] = (0.5 - change) as u8;
+            let threshold = THRESHOLD_SIGMAS * self.noise.sigma(level * light) + 0.6 * rounding;
+            tables.threshold[i] = (threshold as u8).saturating_add(1).clamp(2, 60);
         }
     }
 
@@ -311,28 +396,17 @@ impl Background {
             }
         }
     }
-
-    /// Words of a row of cells.
-    pub const fn words_per_row(&self) -> usize {
-        self.size.0.div_ceil(WORD_PX)
-    }
 }
 
-/// The median of what is finite; none where nothing is.
-fn median_of(values: &[f32]) -> Option<f32> {
-    const MOST: usize = 1024;
-    let mut kept = [0.0; MOST];
+/// The median of what is finite, whose order changes; none where nothing is.
+fn median_of(values: &mut [f32]) -> Option<f32> {
     let mut count = 0;
-    // Large rigs of zones are thinned evenly.
-    let step = values.len().div_ceil(MOST);
-    for value in values.iter().step_by(step).filter(|v| v.is_finite()) {
-        kept[count] = *value;
-        count += 1;
+    for i in 0..values.len() {
+        if values[i].is_finite() {
+            values.swap(i, count);
+            count += 1;
+        }
     }
-    let kept = &mut kept[..count];
-    if kept.is_empty() {
-        return None;
-    }
-    let middle = count / 2;
-    Some(*kept.select_nth_unstable_by(middle, f32::total_cmp).1)
+    let kept = &mut values[..count];
+    (!kept.is_empty()).then(|| *kept.select_nth_unstable_by(count / 2, f32::total_cmp).1)
 }

@@ -1,6 +1,6 @@
 //! Groups marked cells into connected blobs.
 
-use std::ops::Range;
+use std::{cmp::Ordering, ops::Range};
 
 /// Runs of marked cells that one search can hold. A frame that has more shows another scene.
 const MAX_RUNS: usize = 24_000;
@@ -8,7 +8,7 @@ const MAX_RUNS: usize = 24_000;
 pub const MAX_BLOBS: usize = 4_096;
 
 /// Cells that may lie between two runs of one blob: where the ball happens to look like what is behind it,
-/// its mark is broken.
+/// its mark is broken. In a row they are filled, and count as marked.
 const GAP: u16 = 2;
 
 /// Cells that touch each other, or nearly so.
@@ -107,25 +107,31 @@ impl BlobFinder {
     }
 
     fn runs_of_row(&mut self, words: &[u16], row: u16) {
+        if words.iter().fold(0, |any, word| any | word) == 0 {
+            return;
+        }
         let first = self.runs.len();
         let (groups, rest) = words.as_chunks::<4>();
         let mut last = [0; 4];
         last[..rest.len()].copy_from_slice(rest);
-        for (i, group) in groups.iter().chain(std::iter::once(&last)).enumerate() {
-            let [a, b, c, d] = group.map(u64::from);
-            let mut bits = a | b << 16 | c << 32 | d << 48;
-            if bits == 0 {
-                continue;
-            }
+        let group = |i: usize| match i.cmp(&groups.len()) {
+            Ordering::Less => bits_of(&groups[i]),
+            Ordering::Equal => bits_of(&last),
+            Ordering::Greater => 0,
+        };
+        let (mut before, mut here) = (0, group(0));
+        for i in 0..=groups.len() {
+            let after = group(i + 1);
+            let mut bits = close_gaps(before, here, after);
+            (before, here) = (here, after);
             let base = (i * 64) as u16;
             while bits != 0 {
                 let start = bits.trailing_zeros();
                 let length = (bits >> start).trailing_ones();
                 let (x0, x1) = (base + start as u16, base + (start + length) as u16);
                 bits &= if start + length >= 64 { 0 } else { !0 << (start + length) };
-                let before = self.runs[first..].last().map(|last| last.x1);
                 let count = self.runs.len();
-                if before == Some(x0) {
+                if count > first && self.runs[count - 1].x1 == x0 {
                     self.runs[count - 1].x1 = x1;
                     continue;
                 }
@@ -134,10 +140,6 @@ impl BlobFinder {
                     return;
                 }
                 self.runs.push(Run { row, x0, x1, parent: count as u32 });
-                // Neighbours across a gap in the same row belong together.
-                if before.is_some_and(|end| x0 <= end + GAP) {
-                    self.join(count - 1, count);
-                }
             }
         }
     }
@@ -154,8 +156,9 @@ impl BlobFinder {
                 from += 1;
             }
             let mut other = from;
+            let mut own = self.root(i);
             while other < lower && self.runs[other].x0 <= run.x1 + GAP {
-                self.join(other, i);
+                own = self.join(other, own);
                 other += 1;
             }
         }
@@ -170,11 +173,13 @@ impl BlobFinder {
         i
     }
 
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
+    /// Joins a run's blob with the one of root `own`; their common root.
+    fn join(&mut self, run: usize, own: usize) -> usize {
+        let other = self.root(run);
         // The smaller index stays root: results do not depend on the order of joins.
-        let (low, high) = if a < b { (a, b) } else { (b, a) };
+        let (low, high) = if other < own { (other, own) } else { (own, other) };
         self.runs[high].parent = low as u32;
+        low
     }
 
     fn gather(&mut self) {
@@ -216,6 +221,23 @@ impl BlobFinder {
             }
         }
     }
+}
+
+/// 64 cells, lowest bit leftmost.
+fn bits_of(words: &[u16; 4]) -> u64 {
+    let [a, b, c, d] = words.map(u64::from);
+    a | b << 16 | c << 32 | d << 48
+}
+
+/// `here` with the gaps filled that are no wider than [`GAP`], those across the borders of its neighbours too.
+fn close_gaps(before: u64, here: u64, after: u64) -> u64 {
+    if here == 0 && (before >> 62 == 0 || after & 3 == 0) {
+        return 0;
+    }
+    // What is marked one and two cells to the left and to the right.
+    let (left1, left2) = (here << 1 | before >> 63, here << 2 | before >> 62);
+    let (right1, right2) = (here >> 1 | after << 63, here >> 2 | after << 62);
+    here | left1 & (right1 | right2) | left2 & right1
 }
 
 #[cfg(test)]
@@ -260,6 +282,14 @@ mod tests {
         out
     }
 
+    /// A row whose gaps of up to two cells are filled.
+    fn filled(row: &[bool]) -> Vec<bool> {
+        let at = |x: isize| usize::try_from(x).is_ok_and(|x| row.get(x).is_some_and(|marked| *marked));
+        (0..row.len() as isize)
+            .map(|x| at(x) || (at(x - 1) && (at(x + 1) || at(x + 2))) || (at(x - 2) && at(x + 1)))
+            .collect()
+    }
+
     #[test]
     fn blobs_are_those_of_a_flood_fill() {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
@@ -277,6 +307,7 @@ mod tests {
             }
             let mut finder = BlobFinder::new();
             finder.find(&words, words_per_row, 0..h);
+            let cells = cells.iter().map(|row| filled(row)).collect::<Vec<_>>();
             let mut found = finder
                 .blobs()
                 .iter()

@@ -12,6 +12,9 @@ pub const LONGEST_PATH_PX: f32 = 150.0;
 /// Fewest cells of a candidate: a ball of 4 px covers three.
 const LEAST_CELLS: u32 = 3;
 
+/// By how much the longer second moment of a round blob's cells exceeds the shorter one, as a rule.
+const RAGGED: f64 = 0.12;
+
 /// A blob seen as a swept disc.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
@@ -76,9 +79,9 @@ pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
     let (large, small) = (half + root, (half - root).max(0.25));
     let angle = 0.5 * (2.0 * mxy).atan2(mxx - myy);
     // A swept disc has the variance r²/4 across its path, and L²/12 more along it. Marked are cells that the
-    // disc only touches, too: about half a pixel on each side.
-    let radius = (2.0 * small.sqrt() - 0.5).max(1.2);
-    let length = (12.0 * (large - small).max(0.0)).sqrt();
+    // disc only touches, too: about half a pixel on each side. Ragged edges alone make one axis longer.
+    let radius = (2.0 * small.sqrt() - 0.7).max(1.2);
+    let length = (12.0 * (large - (1.0 + RAGGED) * small).max(0.0)).sqrt();
     let sweep = Sweep {
         centre: [0.0; 2],
         radius: radius as f32,

@@ -11,8 +11,10 @@
 //! 1973, in Kaufman's form: the derivatives of the shading by the outline are left out). Steps are damped
 //! after Levenberg and Marquardt.
 
+#[cfg(target_arch = "x86_64")]
+use super::lanes::{Avx2, Avx2Lanes};
 use super::{
-    lanes::{LANES, Lanes},
+    lanes::{LANES, Lanes, Plain, PlainLanes},
     patch::{CHANNELS, Patch},
     sweep::{BOX_PX, Coverer, MIN_LENGTH_PX, Sweep},
 };
@@ -60,97 +62,119 @@ const ROBUST_SIGMAS: f32 = 3.0;
 /// The level from which on a pixel is saturated, DN.
 const SATURATED: f32 = 253.5;
 
+/// What a pixel adds to the normal equations, each times the root of its weight: how the model follows the outline,
+/// how it follows the shading of its colour, and the residual.
+const COLUMNS: usize = OUTLINE + SHADING + 1;
+/// Where the shading's columns begin, and the residual's.
+const SHADES: usize = OUTLINE;
+const RESIDUAL: usize = OUTLINE + SHADING;
+
+/// Vectors whose columns are held at a time: they stay in the nearest cache until all products are summed.
+const BLOCK: usize = 32;
+
+/// Columns of one tile of products.
+const TILE: usize = 3;
+
+/// Columns of up to [`BLOCK`] vectors of pixels.
+type Columns<L> = [[L; COLUMNS]; BLOCK];
+
+/// Sums of products of columns, in the lower triangle.
+type Products<L> = [[L; COLUMNS]; COLUMNS];
+
+/// Adds the products of columns from `I` on with those from `J` on, [`TILE`] of each, over a block. So few sums at a time stay in registers,
+/// where all of them together would be loaded and stored for every vector.
 #[inline(always)]
-fn accumulate_body(
+fn add_products<L: Lanes, const I: usize, const J: usize>(
+    zero: L,
+    block: &[[L; COLUMNS]],
+    products: &mut Products<L>,
+) {
+    let mut sums = [[zero; TILE]; TILE];
+    for columns in block {
+        for (i, sums) in sums.iter_mut().enumerate() {
+            for (j, sum) in sums.iter_mut().enumerate() {
+                *sum = columns[I + i].times_plus(columns[J + j], *sum);
+            }
+        }
+    }
+    for (i, sums) in sums.iter().enumerate() {
+        for (j, sum) in sums.iter().enumerate() {
+            products[I + i][J + j] = products[I + i][J + j] + *sum;
+        }
+    }
+}
+
+/// The lower triangle of all products of a block, in tiles.
+#[inline(always)]
+fn add_all_products<L: Lanes>(zero: L, block: &[[L; COLUMNS]], products: &mut Products<L>) {
+    add_products::<L, 0, 0>(zero, block, products);
+    add_products::<L, 3, 0>(zero, block, products);
+    add_products::<L, 6, 0>(zero, block, products);
+    add_products::<L, 9, 0>(zero, block, products);
+    add_products::<L, 3, 3>(zero, block, products);
+    add_products::<L, 6, 3>(zero, block, products);
+    add_products::<L, 9, 3>(zero, block, products);
+    add_products::<L, 6, 6>(zero, block, products);
+    add_products::<L, 9, 6>(zero, block, products);
+    add_products::<L, 9, 9>(zero, block, products);
+}
+
+#[inline(always)]
+fn accumulate_body<L: Lanes>(
+    level: L::Level,
     patch: &Patch,
     sweep: &Sweep,
     shading: &[[f32; SHADING]; CHANNELS],
     scale: f32,
     sums: &mut Sums,
 ) {
-    let coverer = Coverer::new(sweep, &patch.light, BOX_PX);
-    let softness = Lanes::all(1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
-    let one = Lanes::all(1.0);
-    let saturated = Lanes::all(SATURATED);
-    let mut outline = [Lanes::ZERO; OUTLINE * (OUTLINE + 1) / 2];
-    let mut outline_residual = [Lanes::ZERO; OUTLINE];
-    let (mut cost, mut weight_sum) = (Lanes::ZERO, Lanes::ZERO);
+    let zero = L::all(level, 0.0);
+    let coverer = Coverer::new(level, sweep, &patch.light, BOX_PX);
+    let softness = L::all(level, 1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
+    let one = L::all(level, 1.0);
+    let saturated = L::all(level, SATURATED);
+    let mut columns: Columns<L> = [[zero; COLUMNS]; BLOCK];
+    let (mut cost, mut weight_sum) = (zero, zero);
     for (channel, samples) in patch.channels.iter().enumerate() {
-        let mut mixed = [[Lanes::ZERO; SHADING]; OUTLINE];
-        let mut own = [Lanes::ZERO; SHADING * (SHADING + 1) / 2];
-        let mut own_residual = [Lanes::ZERO; SHADING];
-        let terms = shading[channel].map(Lanes::all);
-        for at in (0..samples.len()).step_by(LANES) {
-            let coverage = coverer.at(Lanes::load(&samples.x, at), Lanes::load(&samples.y, at));
-            let background = Lanes::load(&samples.background, at);
-            let seen = Lanes::load(&samples.seen, at);
-            let inverse_sigma = Lanes::load(&samples.inverse_sigma, at);
-            let mut ball = Lanes::ZERO;
-            for (term, place) in terms.iter().zip(&coverage.place) {
-                ball = term.times_plus(*place, ball);
-            }
-            let contrast = ball - background;
-            let model = coverage.alpha.times_plus(contrast, background);
-            // A saturated pixel says only that the ball is at least this bright.
-            let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
-            let residual = (seen - model) * informs;
-            let z = residual * inverse_sigma;
-            let square = z * z;
-            let robust = square.times_plus(softness, one).recip();
-            // Both factors of a product carry the root of the weight.
-            let root = robust.sqrt() * inverse_sigma * informs;
-            cost = square.times_plus(robust, cost);
-            weight_sum = weight_sum + robust.where_positive(inverse_sigma);
-            let residual = residual * root;
-            let contrast = contrast * root;
-            let alpha = coverage.alpha * root;
-            let slopes = coverage.slopes.map(|slope| slope * contrast);
-            let shades = coverage.place.map(|place| place * alpha);
-            let mut n = 0;
-            for i in 0..OUTLINE {
-                for j in 0..=i {
-                    outline[n] = slopes[i].times_plus(slopes[j], outline[n]);
-                    n += 1;
+        let terms = shading[channel].map(|term| L::all(level, term));
+        let mut products: Products<L> = [[zero; COLUMNS]; COLUMNS];
+        for first in (0..samples.len()).step_by(LANES * BLOCK) {
+            let vectors = ((samples.len() - first) / LANES).min(BLOCK);
+            for (vector, columns) in columns[..vectors].iter_mut().enumerate() {
+                let at = first + vector * LANES;
+                let coverage = coverer.at(L::load(level, &samples.x, at), L::load(level, &samples.y, at));
+                let background = L::load(level, &samples.background, at);
+                let seen = L::load(level, &samples.seen, at);
+                let inverse_sigma = L::load(level, &samples.inverse_sigma, at);
+                let mut ball = zero;
+                for (term, place) in terms.iter().zip(&coverage.place) {
+                    ball = term.times_plus(*place, ball);
                 }
-                outline_residual[i] = slopes[i].times_plus(residual, outline_residual[i]);
-                for j in 0..SHADING {
-                    mixed[i][j] = slopes[i].times_plus(shades[j], mixed[i][j]);
+                let contrast = ball - background;
+                let model = coverage.alpha.times_plus(contrast, background);
+                // A saturated pixel says only that the ball is at least this bright.
+                let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
+                let residual = (seen - model) * informs;
+                let z = residual * inverse_sigma;
+                let square = z * z;
+                // Both factors of a product carry the root of the weight.
+                let robust_root = square.times_plus(softness, one).sqrt().recip();
+                let robust = robust_root * robust_root;
+                let root = robust_root * inverse_sigma * informs;
+                cost = square.times_plus(robust, cost);
+                weight_sum = weight_sum + robust.where_positive(inverse_sigma);
+                let (contrast, alpha) = (contrast * root, coverage.alpha * root);
+                for (column, slope) in columns.iter_mut().zip(coverage.slopes) {
+                    *column = slope * contrast;
                 }
-            }
-            let mut n = 0;
-            for i in 0..SHADING {
-                for j in 0..=i {
-                    own[n] = shades[i].times_plus(shades[j], own[n]);
-                    n += 1;
+                for (column, place) in columns[SHADES..].iter_mut().zip(coverage.place) {
+                    *column = place * alpha;
                 }
-                own_residual[i] = shades[i].times_plus(residual, own_residual[i]);
+                columns[RESIDUAL] = residual * root;
             }
+            add_all_products(zero, &columns[..vectors], &mut products);
         }
-        let mut n = 0;
-        for i in 0..SHADING {
-            for j in 0..=i {
-                let value = f64::from(own[n].sum());
-                sums.shading[channel][i][j] = value;
-                sums.shading[channel][j][i] = value;
-                n += 1;
-            }
-            sums.shading_residual[channel][i] = f64::from(own_residual[i].sum());
-        }
-        for i in 0..OUTLINE {
-            for j in 0..SHADING {
-                sums.mixed[channel][i][j] = f64::from(mixed[i][j].sum());
-            }
-        }
-    }
-    let mut n = 0;
-    for i in 0..OUTLINE {
-        for j in 0..=i {
-            let value = f64::from(outline[n].sum());
-            sums.outline[i][j] = value;
-            sums.outline[j][i] = value;
-            n += 1;
-        }
-        sums.outline_residual[i] = f64::from(outline_residual[i].sum());
+        sums.add(channel, &products);
     }
     sums.cost = f64::from(cost.sum());
     sums.weight = f64::from(weight_sum.sum());
@@ -161,13 +185,14 @@ fn accumulate_body(
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 unsafe fn accumulate_avx2(
+    level: Avx2,
     patch: &Patch,
     sweep: &Sweep,
     shading: &[[f32; SHADING]; CHANNELS],
     scale: f32,
     sums: &mut Sums,
 ) {
-    accumulate_body(patch, sweep, shading, scale, sums);
+    accumulate_body::<Avx2Lanes>(level, patch, sweep, shading, scale, sums);
 }
 
 impl Fit {
@@ -195,15 +220,35 @@ impl Sums {
         weight: 0.0,
     };
 
+    /// Adds one colour's products.
+    fn add<L: Lanes>(&mut self, channel: usize, products: &Products<L>) {
+        let product = |i: usize, j: usize| f64::from(products[i.max(j)][i.min(j)].sum());
+        for i in 0..OUTLINE {
+            for j in 0..OUTLINE {
+                self.outline[i][j] += product(i, j);
+            }
+            self.outline_residual[i] += product(RESIDUAL, i);
+            for j in 0..SHADING {
+                self.mixed[channel][i][j] = product(SHADES + j, i);
+            }
+        }
+        for i in 0..SHADING {
+            for j in 0..SHADING {
+                self.shading[channel][i][j] = product(SHADES + i, SHADES + j);
+            }
+            self.shading_residual[channel][i] = product(RESIDUAL, SHADES + i);
+        }
+    }
+
     fn over(patch: &Patch, sweep: &Sweep, shading: &[[f32; SHADING]; CHANNELS], scale: f32) -> Self {
         let mut sums = Self::EMPTY;
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if let Some(level) = Avx2::detect() {
             // SAFETY: just asked.
-            unsafe { accumulate_avx2(patch, sweep, shading, scale, &mut sums) };
+            unsafe { accumulate_avx2(level, patch, sweep, shading, scale, &mut sums) };
             return sums;
         }
-        accumulate_body(patch, sweep, shading, scale, &mut sums);
+        accumulate_body::<PlainLanes>(Plain, patch, sweep, shading, scale, &mut sums);
         sums
     }
 }

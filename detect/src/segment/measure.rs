@@ -8,11 +8,11 @@ use super::{
     candidate::{DIAMETER_PX, LONGEST_PATH_PX, Start},
     fit::{Fit, Prior, fit, fit_again},
     grid::Grid,
-    lanes::{LANES, Lanes},
     noise::Noise,
     patch::{CHANNELS, MAX_SAMPLES, Patch, Rectifier, Sample, margin, near},
     sphere::Place,
-    sweep::{BOX_PX, Coverer, Sweep},
+    sweep::Sweep,
+    verdict::Verdict,
 };
 
 /// What lies behind the ball.
@@ -44,22 +44,8 @@ pub struct Measured {
     pub light: Vector3<f64>,
     /// The outline.
     pub fit: Fit,
-    /// Mean level of the ball by colour (red, green, blue), DN.
-    pub levels: [f32; CHANNELS],
-    /// Mean level of what is behind it, DN.
-    pub behind: [f32; CHANNELS],
-    /// Mean level seen around it, DN.
-    pub around: [f32; CHANNELS],
-    /// Root mean square of what the fit leaves, as a share of what the ball changes.
-    pub misfit: f32,
-    /// The ball's change against the background, in standard deviations.
-    pub signal: f32,
-    /// Share of the pixels around the outline that differ from the background.
-    pub clutter: f32,
-    /// Share of the swept area in which the fit does not hold: something else is in front.
-    pub hidden: f32,
-    /// Whether pixels inside are saturated.
-    pub saturated: bool,
+    /// How well the pixels agree with it.
+    pub verdict: Verdict,
 }
 
 /// Part of the contrast by which even a right model is off: texture of the ball, blur of the lens.
@@ -79,6 +65,9 @@ const WORTH_MORE_PX: f64 = 0.03;
 const MAX_LOOKS: usize = 1;
 /// Mean robust square residual of a fit that is not worth a second look.
 const POOR_CHI2: f32 = 3.0;
+
+/// The pixels of a cell.
+const CELL: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
 
 /// A step along a row of cells per row, coprime with `n`, that spreads every `n`th cell evenly: about the
 /// golden section of `n`.
@@ -109,40 +98,47 @@ impl Scene<'_> {
         let columns = self.grid.range(centre[0] - half_width, centre[0] + half_width, self.view.width() & !1);
         let rows = self.grid.range(centre[1] - half_height, centre[1] + half_height, self.view.height() & !1);
         let (sin, cos) = sweep.angle.sin_cos();
-        let noise = self.noise();
         let lattice = lattice_step(decimation);
+        let channels = CELL.map(|(x, y)| match self.view.format().channel_at(x, y) {
+            Channel::Red | Channel::Luma => 0,
+            Channel::Green => 1,
+            Channel::Blue => 2,
+        });
+        // From one pixel of a cell to the next.
+        let step = (self.grid.place(1) - self.grid.place(0)) as f32;
+        let [[a, b], [c, d]] = rectifier.forward.map(|row| row.map(|m| m as f32));
         'rows: for cell_y in rows.step_by(2) {
             // A lattice of rank one: every `decimation`th cell of a row, shifted from row to row.
             let first = columns.start / 2;
             let shift = (cell_y / 2 * lattice + first) % decimation;
             let skipped = (decimation - shift) % decimation;
+            let seen = [self.view.row(cell_y), self.view.row(cell_y + 1)];
+            let down = (self.grid.place(cell_y) - rectifier.anchor[1]) as f32;
             for cell_x in (columns.start + 2 * skipped..columns.end).step_by(2 * decimation) {
-                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    let (x, y) = (cell_x + dx, cell_y + dy);
-                    let place = [self.grid.place(x), self.grid.place(y)];
-                    let [u, v] = rectifier.rectify(place);
-                    if !near(sweep, [cos, sin], reach, u as f32, v as f32) {
+                let along = (self.grid.place(cell_x) - rectifier.anchor[0]) as f32;
+                let levels = CELL.map(|(dx, dy)| f32::from(seen[dy][cell_x + dx]));
+                let behind = match self.behind {
+                    Behind::Learnt(background) => background.expected_cell(cell_x, cell_y),
+                    Behind::Around(_) => levels,
+                };
+                for (i, (dx, dy)) in CELL.into_iter().enumerate() {
+                    let (x, y) = (along + dx as f32 * step, down + dy as f32 * step);
+                    let rectified = [a * x + b * y, c * x + d * y];
+                    if !near(sweep, [cos, sin], reach, rectified[0], rectified[1]) {
                         continue;
                     }
-                    let seen = f32::from(self.view.row(y)[x]);
-                    let background = match self.behind {
-                        Behind::Learnt(background) => background.expected(x, y),
-                        Behind::Around(_) => seen,
-                    };
-                    let sigma = noise.sigma(seen.max(background)) + MODEL_ERROR * (seen - background).abs();
-                    let channel = match self.view.format().channel_at(x, y) {
-                        Channel::Red | Channel::Luma => 0,
-                        Channel::Green => 1,
-                        Channel::Blue => 2,
-                    };
-                    let rectified = [u as f32, v as f32];
-                    if !patch.push(&Sample { rectified, channel, seen, background, sigma }) {
+                    let sample =
+                        Sample { rectified, channel: channels[i], seen: levels[i], background: behind[i] };
+                    if !patch.push(&sample) {
                         break 'rows;
                     }
                 }
             }
         }
-        patch.pad();
+        let noise = *self.noise();
+        patch.finish(|seen, background| {
+            noise.sigma(seen.max(background)) + MODEL_ERROR * (seen - background).abs()
+        });
         if let Behind::Around(noise) = self.behind {
             continue_around(patch, sweep, noise);
         }
@@ -238,77 +234,15 @@ impl Scene<'_> {
         }
     }
 
+    /// What a fit says of the candidate.
     fn judge(&self, patch: &Patch, place: Place, found: Fit, light: &Vector3<f64>) -> Measured {
-        let coverer = Coverer::new(&found.sweep, &patch.light, BOX_PX);
-        let peak = (2.0 * found.sweep.radius / found.sweep.length.max(1e-3)).min(1.0);
-        let mut out = Measured {
-            place,
-            light: *light,
-            fit: found,
-            levels: [0.0; CHANNELS],
-            behind: [0.0; CHANNELS],
-            around: [0.0; CHANNELS],
-            misfit: 1.0,
-            signal: 0.0,
-            clutter: 0.0,
-            hidden: 0.0,
-            saturated: false,
-        };
-        let (mut left, mut changed, mut signal) = (0.0_f32, 0.0_f32, 0.0_f32);
-        let (mut inside, mut hidden, mut outside, mut clutter) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-        for (channel, samples) in patch.channels.iter().enumerate() {
-            let terms = found.shading[channel];
-            let (mut behind, mut behind_weight, mut level) = (0.0, 0.0, 0.0);
-            let (mut around, mut around_count) = (0.0, 0.0_f32);
-            for at in (0..samples.len()).step_by(LANES) {
-                let coverage = coverer.at(Lanes::load(&samples.x, at), Lanes::load(&samples.y, at));
-                for lane in 0..LANES {
-                    let inverse_sigma = samples.inverse_sigma[at + lane];
-                    if inverse_sigma <= 0.0 {
-                        continue;
-                    }
-                    let alpha = coverage.alpha.0[lane];
-                    let (seen, background) = (samples.seen[at + lane], samples.background[at + lane]);
-                    let difference = seen - background;
-                    if alpha < 0.01 {
-                        outside += 1.0;
-                        around += seen;
-                        around_count += 1.0;
-                        clutter += f32::from(u8::from((difference * inverse_sigma).abs() > 4.0));
-                        continue;
-                    }
-                    let ball: f32 =
-                        terms.iter().zip(&coverage.place).map(|(term, place)| term * place.0[lane]).sum();
-                    let model = (background + alpha * (ball - background)).min(255.0);
-                    let residual = seen - model;
-                    // What noise explains is not the shape's fault.
-                    left += residual * residual - 1.0 / (inverse_sigma * inverse_sigma);
-                    changed += difference * difference;
-                    signal += ((model - background) * inverse_sigma).powi(2);
-                    level += alpha * ball;
-                    behind += alpha * background;
-                    behind_weight += alpha;
-                    if alpha > 0.5 * peak {
-                        inside += 1.0;
-                        hidden += f32::from(u8::from((residual * inverse_sigma).abs() > 4.0));
-                        out.saturated |= seen > 253.5;
-                    }
-                }
-            }
-            out.levels[channel] = level / f32::max(behind_weight, 1e-3);
-            out.behind[channel] = behind / f32::max(behind_weight, 1e-3);
-            out.around[channel] = around / around_count.max(1.0);
-        }
-        out.misfit = (left.max(0.0) / changed.max(1.0)).sqrt();
-        out.signal = (signal * patch.decimation as f32).sqrt();
-        out.clutter = clutter / outside.max(1.0);
-        out.hidden = hidden / inside.max(1.0);
+        let mut verdict = Verdict::of(patch, &found);
         if self.view.format() == PixelFormat::Mono8 {
-            out.levels = [out.levels[0]; CHANNELS];
-            out.behind = [out.behind[0]; CHANNELS];
-            out.around = [out.around[0]; CHANNELS];
+            for levels in [&mut verdict.levels, &mut verdict.behind, &mut verdict.around] {
+                *levels = [levels[0]; CHANNELS];
+            }
         }
-        out
+        Measured { place, light: *light, fit: found, verdict }
     }
 }
 

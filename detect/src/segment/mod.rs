@@ -12,6 +12,7 @@ mod candidate;
 mod colour;
 mod demosaic;
 mod fit;
+mod foreground;
 mod grid;
 pub mod kernel;
 mod lanes;
@@ -29,6 +30,7 @@ mod sphere;
 mod sweep;
 #[cfg(test)]
 mod tests;
+mod verdict;
 
 pub use options::{InputMode, SegmentError, SegmentOptions};
 pub use score::SCORE_THRESHOLD;

@@ -12,7 +12,7 @@ const LEAST_SIGMA: f32 = 0.6;
 ///
 /// Shot noise and read noise together give a variance that is a straight line in brightness (EMVA 1288); the
 /// line is fitted to what the frames show, so that it holds for any gain, and for any renderer.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub struct Noise {
     /// Median over looks of the mean absolute difference in each bin, DN.
     deviation: [f32; BINS],

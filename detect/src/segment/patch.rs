@@ -26,11 +26,6 @@ impl Rectifier {
         Self { anchor, forward: [[1.0, 0.0], [0.0, 1.0]] }
     }
 
-    /// From the frame into the patch.
-    pub fn rectify(&self, pixel: [f64; 2]) -> [f64; 2] {
-        self.rectify_offset([pixel[0] - self.anchor[0], pixel[1] - self.anchor[1]])
-    }
-
     /// A pixel offset in the patch.
     pub fn rectify_offset(&self, offset: [f64; 2]) -> [f64; 2] {
         self.forward.map(|row| row[0] * offset[0] + row[1] * offset[1])
@@ -121,8 +116,6 @@ pub struct Sample {
     pub seen: f32,
     /// Level expected of the background, DN.
     pub background: f32,
-    /// Standard deviation of their difference, DN.
-    pub sigma: f32,
 }
 
 impl Patch {
@@ -156,14 +149,16 @@ impl Patch {
         samples.y.push(sample.rectified[1]);
         samples.seen.push(sample.seen);
         samples.background.push(sample.background);
-        samples.inverse_sigma.push(1.0 / sample.sigma);
         self.count += 1;
         true
     }
 
-    /// Fills up the last vectors.
-    pub fn pad(&mut self) {
+    /// Ends the gathering: weighs all samples by what `sigma` says of the level seen and that of the background,
+    /// DN, and fills up the last vectors with samples of no weight.
+    pub fn finish(&mut self, sigma: impl Fn(f32, f32) -> f32) {
         for samples in &mut self.channels {
+            let Samples { seen, background, inverse_sigma, .. } = samples;
+            inverse_sigma.extend(seen.iter().zip(&*background).map(|(s, b)| 1.0 / sigma(*s, *b)));
             let padded = samples.len().next_multiple_of(LANES);
             for column in samples.columns() {
                 column.resize(padded, 0.0);

@@ -14,14 +14,14 @@ const HALF_SIGNAL: f32 = 12.0;
 
 /// How much a measured candidate looks like the ball in play, 0–1; `likeness` is its colour's.
 pub fn score(measured: &Measured, likeness: f32) -> f64 {
-    let shape = 1.0 / (1.0 + (measured.misfit / HALF_MISFIT).powi(4));
+    let shape = 1.0 / (1.0 + (measured.verdict.misfit / HALF_MISFIT).powi(4));
     let signal = {
-        let s = (measured.signal / HALF_SIGNAL).powi(2);
+        let s = (measured.verdict.signal / HALF_SIGNAL).powi(2);
         s / (1.0 + s)
     };
     // A ball in front of a player has a busy neighbourhood too: this alone condemns nothing.
-    let alone = 1.0 - 0.6 * ((measured.clutter - 0.25) / 0.6).clamp(0.0, 1.0);
-    let whole = 1.0 - 0.6 * ((measured.hidden - 0.1) / 0.5).clamp(0.0, 1.0);
+    let alone = 1.0 - 0.6 * ((measured.verdict.clutter - 0.25) / 0.6).clamp(0.0, 1.0);
+    let whole = 1.0 - 0.6 * ((measured.verdict.hidden - 0.1) / 0.5).clamp(0.0, 1.0);
     let diameter = 2.0 * measured.fit.sweep.radius;
     let size = ((diameter - 2.8) / 1.0).clamp(0.0, 1.0) * ((76.0 - diameter) / 10.0).clamp(0.0, 1.0);
     let colour = likeness.powf(0.8);
@@ -32,7 +32,7 @@ pub fn score(measured: &Measured, likeness: f32) -> f64 {
 
 /// Whether it darkens all colours alike, as a shadow does.
 fn is_shadow(measured: &Measured) -> bool {
-    let ratio = |i: usize| (measured.levels[i].max(0.0) + 1.0) / (measured.behind[i] + 1.0);
+    let ratio = |i: usize| (measured.verdict.levels[i].max(0.0) + 1.0) / (measured.verdict.behind[i] + 1.0);
     let ratios = [ratio(0), ratio(1), ratio(2)];
     let (low, high) = ratios.iter().fold((f32::MAX, 0.0_f32), |(l, h), r| (l.min(*r), h.max(*r)));
     high < 0.9 && high / low < 1.15
@@ -42,5 +42,6 @@ fn is_shadow(measured: &Measured) -> bool {
 /// it is the background that has an outline there.
 pub fn is_gone(measured: &Measured) -> bool {
     let apart = |a: &[f32; 3], b: &[f32; 3]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f32>();
-    apart(&measured.levels, &measured.around) < 0.3 * apart(&measured.levels, &measured.behind)
+    apart(&measured.verdict.levels, &measured.verdict.around)
+        < 0.3 * apart(&measured.verdict.levels, &measured.verdict.behind)
 }

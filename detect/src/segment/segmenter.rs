@@ -11,15 +11,16 @@ use netcord_common::{
 };
 
 use super::{
-    background::{Background, PixelBox, ZONE_PX},
+    background::{Background, PixelBox},
     blobs::{Blob, BlobFinder},
     blur::BlurLimit,
     candidate::{Start, centre_px, is_of_size, start},
     colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
     fit::{OUTLINE, Prior},
+    foreground::Foreground,
     grid::Grid,
-    kernel::{Kernel, WORD_PX},
+    kernel::Kernel,
     measure::{Behind, Measured, Scene},
     options::{InputMode, SegmentError, SegmentOptions},
     patch::{Patch, Rectifier},
@@ -92,14 +93,13 @@ pub struct Segmenter {
     towards_light: Vector3<f64>,
     format: PixelFormat,
     options: SegmentOptions,
-    kernel: Kernel,
     grid: Grid,
     demosaic: Option<Demosaic>,
     background: Background,
     started: bool,
     light: SceneLight,
     colour: ColourModel,
-    words: Vec<u16>,
+    foreground: Foreground,
     coloured: Vec<u16>,
     finder: BlobFinder,
     starts: Vec<Start>,
@@ -130,7 +130,7 @@ impl Segmenter {
         let size = (width * grid.scale, height * grid.scale);
         let kernel = Kernel::detect();
         let background = Background::new(kernel, size, rig.rate_hz);
-        let words = background.words_per_row() * size.1.div_ceil(2);
+        let foreground = Foreground::new(kernel, size);
         let up = match rig.world {
             WorldFrame::Table => Vector3::z(),
             // A camera is seldom on its head.
@@ -145,15 +145,14 @@ impl Segmenter {
             towards_light: camera.camera_from_world.rotation * up,
             format: camera.pixel_format,
             options,
-            kernel,
             grid,
             demosaic,
             background,
             started: false,
             light: SceneLight::default(),
             colour: ColourModel::new(format, told),
-            words: vec![0; words],
-            coloured: vec![0; words],
+            coloured: vec![0; foreground.words().len()],
+            foreground,
             finder: BlobFinder::new(),
             starts: Vec::with_capacity(super::blobs::MAX_BLOBS),
             patch: Patch::new(),
@@ -221,15 +220,11 @@ impl Segmenter {
         window: Option<&SearchWindow>,
         emit: &mut dyn FnMut(&Detections),
     ) {
-        if !self.started || self.options.single_frames {
+        let alone = !self.started || self.options.single_frames;
+        if alone {
             self.background.start_over(view);
             self.light = SceneLight::of(view);
             self.started = true;
-        } else {
-            self.background.look_at_light(view);
-            if self.background.frames().is_multiple_of(LIGHT_EVERY) {
-                self.light = SceneLight::of(view);
-            }
         }
         self.rest.next_frame();
         self.blur.expose(header.exposure_ns);
@@ -241,6 +236,12 @@ impl Segmenter {
                 self.send(header, Scope::Window, emit);
             }
         }
+        if !alone {
+            self.background.look_at_light(view);
+            if self.background.frames().is_multiple_of(LIGHT_EVERY) {
+                self.light = SceneLight::of(view);
+            }
+        }
         let expected = self.has_ball_in_play();
         self.search_frame(view, expected);
         self.send(header, Scope::Full, emit);
@@ -250,6 +251,9 @@ impl Segmenter {
     /// Measures inside a window: first where the ball should be, then what moves.
     fn search_window(&mut self, view: &FrameView<'_>, window: &SearchWindow) {
         let prior = self.prior(window);
+        let columns = self.grid.range(window.x0_px, window.x1_px, view.width());
+        let rows = self.grid.range(window.y0_px, window.y1_px, view.height() & !1);
+        self.background.look_at_light_within(view, &columns, &rows);
         if let Some(expected) = self.expected(window) {
             for backdrop in [Backdrop::Learnt, Backdrop::Around] {
                 // Whatever happens to be there is near the prediction: only what surely is a ball counts.
@@ -261,33 +265,20 @@ impl Segmenter {
                 }
             }
         }
-        let columns = self.grid.range(window.x0_px, window.x1_px, view.width());
-        let rows = self.grid.range(window.y0_px, window.y1_px, view.height() & !1);
-        // Tables belong to whole zones.
-        let first_zone = columns.start / ZONE_PX;
-        let (x0, x1) = (first_zone * ZONE_PX, columns.end.next_multiple_of(WORD_PX).min(view.width()));
-        if x0 >= x1 || rows.is_empty() {
+        if columns.is_empty() || rows.is_empty() {
             return;
         }
-        let words_per_row = self.background.words_per_row();
-        for y in rows.clone().step_by(2) {
-            let words = &mut self.words[y / 2 * words_per_row..][..words_per_row];
-            words.fill(0);
-            self.kernel.foreground(
-                [&view.row(y)[x0..x1], &view.row(y + 1)[x0..x1]],
-                [&self.background.row(y)[x0..x1], &self.background.row(y + 1)[x0..x1]],
-                &self.background.tables(y)[first_zone..],
-                ZONE_PX,
-                &mut words[x0 / WORD_PX..],
-            );
-            words[..columns.start / WORD_PX].fill(0);
-        }
-        self.finder.find(&self.words, words_per_row, rows.start / 2..rows.end / 2);
+        self.foreground.mark_within(view, &self.background, &columns, &rows);
+        self.finder.find(
+            self.foreground.words(),
+            self.foreground.words_per_row(),
+            rows.start / 2..rows.end / 2,
+        );
         self.starts.clear();
         self.collect_starts(view);
         self.measure_starts(view, Backdrop::Learnt, &prior, 3, 0.0);
         if !self.has_ball_in_play() && self.crowded() {
-            let place = Some((x0..x1, rows));
+            let place = Some((columns, rows));
             self.search_by_colour(view, place, &prior);
         }
     }
@@ -325,19 +316,10 @@ impl Segmenter {
     /// Looks for what moves, in the whole frame; `expected`: the ball has been found where it was expected.
     fn search_frame(&mut self, view: &FrameView<'_>, expected: bool) {
         let height = view.height() & !1;
-        let words_per_row = self.background.words_per_row();
         let known = self.background.is_known();
         if self.background.frames() > 1 || !self.options.single_frames {
-            for y in (0..height).step_by(2) {
-                self.kernel.foreground(
-                    [view.row(y), view.row(y + 1)],
-                    [self.background.row(y), self.background.row(y + 1)],
-                    self.background.tables(y),
-                    ZONE_PX,
-                    &mut self.words[y / 2 * words_per_row..][..words_per_row],
-                );
-            }
-            self.finder.find(&self.words, words_per_row, 0..height / 2);
+            self.foreground.mark(view, &self.background);
+            self.finder.find(self.foreground.words(), self.foreground.words_per_row(), 0..height / 2);
             let marked = self.finder.blobs().iter().map(|b| u64::from(b.cells)).sum::<u64>();
             let cells = (view.width() / 2 * (height / 2)) as f64;
             if known && (self.finder.overflowed() || marked as f64 > OTHER_SCENE * cells) {
@@ -381,7 +363,6 @@ impl Segmenter {
     ) {
         let everywhere = among.is_none();
         let (columns, rows) = among.unwrap_or((0..view.width(), 0..view.height() & !1));
-        let words_per_row = self.background.words_per_row();
         let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
         let mut count = 0;
         for gate in self.colour.gates(&self.light, !everywhere).take(MAX_MODELS) {
@@ -389,18 +370,8 @@ impl Segmenter {
             count += 1;
         }
         for gate in &gates[..count] {
-            for y in rows.clone().step_by(2) {
-                let row = y / 2 * words_per_row..(y / 2 + 1) * words_per_row;
-                let words = &mut self.coloured[row.clone()];
-                if everywhere {
-                    words.fill(0xffff);
-                } else {
-                    words.copy_from_slice(&self.words[row]);
-                }
-                let cells = [&view.row(y)[columns.clone()], &view.row(y + 1)[columns.clone()]];
-                self.kernel.colour(cells, gate, &mut words[columns.start / WORD_PX..]);
-            }
-            self.finder.find(&self.coloured, words_per_row, rows.start / 2..rows.end / 2);
+            self.foreground.pass(view, gate, (&columns, &rows), everywhere, &mut self.coloured);
+            self.finder.find(&self.coloured, self.foreground.words_per_row(), rows.start / 2..rows.end / 2);
             self.starts.clear();
             self.collect_starts(view);
             let (most, least) = if everywhere {
@@ -510,7 +481,7 @@ impl Segmenter {
         };
         let scene = Scene { view, grid: self.grid, behind };
         let glanced = scene.glance(&mut self.patch, start, prior, &self.towards_light)?;
-        let likeness = self.colour.likeness(&self.light, glanced.levels);
+        let likeness = self.colour.likeness(&self.light, glanced.verdict.levels);
         let glanced_score = score(&glanced, likeness);
         if glanced_score < LEAST_SCORE {
             return None;
@@ -520,7 +491,7 @@ impl Segmenter {
         if !self.blur.allows(&measured.fit.sweep, BlurLimit::OF_A_FIT) {
             return None;
         }
-        let likeness = self.colour.likeness(&self.light, measured.levels);
+        let likeness = self.colour.likeness(&self.light, measured.verdict.levels);
         let score = score(&measured, likeness);
         let item = self.detection(&measured, score);
         Some(Found { item, measured, likeness })
@@ -581,10 +552,10 @@ impl Segmenter {
         if cut {
             flags |= DetectionFlags::CUT_BY_FRAME;
         }
-        if measured.hidden > 0.12 {
+        if measured.verdict.hidden > 0.12 {
             flags |= DetectionFlags::OCCLUDED;
         }
-        if measured.saturated {
+        if measured.verdict.saturated {
             flags |= DetectionFlags::SATURATED;
         }
         if moved {
@@ -658,12 +629,12 @@ impl Segmenter {
         if let Some(best) = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))
             && best.item.score > SURE
             && best.likeness > 0.25
-            && best.measured.misfit < 0.15
-            && best.measured.clutter < 0.2
+            && best.measured.verdict.misfit < 0.15
+            && best.measured.verdict.clutter < 0.2
             && self.background.is_known()
             && self.rest.frames_at([best.item.u_px, best.item.v_px], best.item.diameter_px) <= 1
         {
-            self.colour.learn(best.measured.levels);
+            self.colour.learn(best.measured.verdict.levels);
             // Lamps hang here and there: a running mean over about ten balls.
             self.towards_light = (self.towards_light * 0.9 + best.measured.light * 0.1).normalize();
         }

@@ -172,7 +172,9 @@ mod tests {
             let area = std::f64::consts::PI * (angle / per_px).powi(2);
             let found = n * (2.0 * reach / f64::from(steps)).powi(2);
             assert!((area / found - 1.0).abs() < 0.02, "{area} {found}");
-            assert_eq!(map.rectify(map.pixel([3.0, -2.0])).map(|v| (v * 1e9).round()), [3e9, -2e9]);
+            let [u, v] = map.pixel([3.0, -2.0]);
+            let back = map.rectify_offset([u - map.anchor[0], v - map.anchor[1]]);
+            assert_eq!(back.map(|v| (v * 1e9).round()), [3e9, -2e9]);
         }
     }
 }

@@ -37,36 +37,37 @@ impl Sweep {
 
 /// What one pixel sees of the ball, with the derivatives that the fit needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Coverage {
+pub struct Coverage<L> {
     /// Share of pixel and exposure that the ball covers, 0–1.
-    pub alpha: Lanes,
+    pub alpha: L,
     /// ∂alpha by: centre along the path, centre across it, radius, length, angle.
-    pub slopes: [Lanes; 5],
+    pub slopes: [L; 5],
     /// What the ball's shading is made of, as means over the time of cover: 1; the place on the ball along
     /// and across the path, in units of the radius; the share of the main light that the surface there
     /// catches; and how that share grows as the light turns to either side.
-    pub place: [Lanes; 6],
+    pub place: [L; 6],
 }
 
 /// Evaluates [`Coverage`] for one sweep.
 #[derive(Debug, Clone, Copy)]
-pub struct Coverer {
-    centre: [Lanes; 2],
-    direction: [Lanes; 2],
-    radius: Lanes,
-    radius2: Lanes,
-    inverse_radius: Lanes,
+pub struct Coverer<L: Lanes> {
+    level: L::Level,
+    centre: [L; 2],
+    direction: [L; 2],
+    radius: L,
+    radius2: L,
+    inverse_radius: L,
     /// Keeps the derivative by the radius finite where it is not used.
-    least_chord: Lanes,
-    half_length: Lanes,
+    least_chord: L,
+    half_length: L,
     /// Width of the box that stands for the pixel and the lens's blur, px.
-    box_px: Lanes,
-    inverse_box: Lanes,
+    box_px: L,
+    inverse_box: L,
     /// (L + box) / 2 and (L − box) / 2.
-    ramps: [Lanes; 2],
-    inverse_length: Lanes,
+    ramps: [L; 2],
+    inverse_length: L,
     /// The light's vectors, along the path, across it, and towards the camera.
-    light: [[Lanes; 3]; 3],
+    light: [[L; 3]; 3],
 }
 
 /// The direction of the main light and two directions across it, all of unit length: on x and y of the
@@ -76,34 +77,41 @@ pub type Light = [[f32; 3]; 3];
 /// Gauss–Legendre nodes and weights over the width of a pixel.
 const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
 
-impl Coverer {
+impl<L: Lanes> Coverer<L> {
     #[inline(always)]
-    pub fn new(sweep: &Sweep, light: &Light, box_px: f32) -> Self {
+    pub fn new(level: L::Level, sweep: &Sweep, light: &Light, box_px: f32) -> Self {
+        let all = |value| L::all(level, value);
         let length = sweep.length.max(MIN_LENGTH_PX);
         let (sin, cos) = sweep.angle.sin_cos();
         Self {
-            centre: sweep.centre.map(Lanes::all),
-            direction: [Lanes::all(cos), Lanes::all(sin)],
-            radius: Lanes::all(sweep.radius),
-            radius2: Lanes::all(sweep.radius * sweep.radius),
-            inverse_radius: Lanes::all(1.0 / sweep.radius),
-            least_chord: Lanes::all((0.5 * sweep.radius).sqrt()),
-            half_length: Lanes::all(0.5 * length),
-            box_px: Lanes::all(box_px),
-            inverse_box: Lanes::all(1.0 / box_px),
-            ramps: [Lanes::all(0.5 * (length + box_px)), Lanes::all(0.5 * (length - box_px))],
-            inverse_length: Lanes::all(1.0 / length),
-            light: light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(Lanes::all)),
+            level,
+            centre: sweep.centre.map(&all),
+            direction: [all(cos), all(sin)],
+            radius: all(sweep.radius),
+            radius2: all(sweep.radius * sweep.radius),
+            inverse_radius: all(1.0 / sweep.radius),
+            least_chord: all((0.5 * sweep.radius).sqrt()),
+            half_length: all(0.5 * length),
+            box_px: all(box_px),
+            inverse_box: all(1.0 / box_px),
+            ramps: [all(0.5 * (length + box_px)), all(0.5 * (length - box_px))],
+            inverse_length: all(1.0 / length),
+            light: light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(all)),
         }
+    }
+
+    #[inline(always)]
+    fn all(&self, value: f32) -> L {
+        L::all(self.level, value)
     }
 
     /// The share of time and pixel that an edge at distance `x` has swept, its slope, and its derivative by
     /// the path's length: the integral of a box as long as the path convolved with a box one pixel long.
     #[inline(always)]
-    fn edge(&self, x: Lanes) -> (Lanes, Lanes, Lanes) {
+    fn edge(&self, x: L) -> (L, L, L) {
         let [outer, inner] = self.ramps;
-        let half = Lanes::all(0.5);
-        let x = x.min(outer).max(Lanes::ZERO - outer);
+        let half = self.all(0.5);
+        let x = x.min(outer).max(self.all(0.0) - outer);
         let a = (x + outer).positive();
         let b = (x + inner).positive();
         let c = (x - inner).positive();
@@ -117,7 +125,7 @@ impl Coverer {
 
     /// The share of the exposure during which the point at `s` along and `w` across the path is covered.
     #[inline(always)]
-    fn swept(&self, s: Lanes, w: Lanes) -> Lanes {
+    fn swept(&self, s: L, w: L) -> L {
         let chord = (self.radius2 - w * w).positive().sqrt();
         self.edge(s + chord).0 - self.edge(s - chord).0
     }
@@ -127,54 +135,60 @@ impl Coverer {
     /// A pixel is taken as a square whose sides lie along and across the path; exact along, three Gauss
     /// nodes across.
     #[inline(always)]
-    pub fn at(&self, x: Lanes, y: Lanes) -> Coverage {
+    pub fn at(&self, x: L, y: L) -> Coverage<L> {
         let (dx, dy) = (x - self.centre[0], y - self.centre[1]);
         let [cos, sin] = self.direction;
         let s = dx * cos + dy * sin;
         let w = dy * cos - dx * sin;
-        let zero = Lanes::ZERO;
-        let (mut alpha, mut by_s, mut by_r, mut by_l) = (zero, zero, zero, zero);
+        let zero = self.all(0.0);
+        let middle_chord = (self.radius2 - w * w).positive().sqrt();
+        let (mut alpha, mut by_s, mut by_l, mut by_chord) = (zero, zero, zero, zero);
         for (node, weight) in NODES {
-            let w = Lanes::all(node).times_plus(self.box_px, w);
-            let weight = Lanes::all(weight);
-            let chord2 = self.radius2 - w * w;
-            let chord = chord2.positive().sqrt();
+            let chord = if node == 0.0 {
+                middle_chord
+            } else {
+                let w = self.all(node).times_plus(self.box_px, w);
+                (self.radius2 - w * w).positive().sqrt()
+            };
+            let weight = self.all(weight);
             let (far, far_slope, far_length) = self.edge(s + chord);
             let (near, near_slope, near_length) = self.edge(s - chord);
-            alpha = alpha + weight * (far - near);
-            by_s = by_s + weight * (far_slope - near_slope);
-            by_l = by_l + weight * (far_length - near_length);
-            let by_chord = (weight * (far_slope + near_slope)).where_positive(chord2)
-                * chord.max(self.least_chord).recip();
-            by_r = by_r + by_chord * self.radius;
+            alpha = weight.times_plus(far - near, alpha);
+            by_s = weight.times_plus(far_slope - near_slope, by_s);
+            by_l = weight.times_plus(far_length - near_length, by_l);
+            by_chord = weight.times_plus(far_slope + near_slope, by_chord);
         }
         // alpha is an integral over the pixel's width: its derivative by a shift across the path is the
         // difference of the two ends, however steep the rim.
-        let end = Lanes::all(0.5) * self.box_px;
+        let end = self.all(0.5) * self.box_px;
         let by_w = (self.swept(s, w + end) - self.swept(s, w - end)) * self.inverse_box;
         // The chord depends on r² − w² only, so that ∂/∂r = −(r / w) ∂/∂w: off the middle this is the one
-        // without a pole.
-        let off_middle = w * w - Lanes::all(0.25) * self.radius2;
-        let safe_w = w.where_positive(off_middle) + Lanes::all(1.0).where_positive(zero - off_middle);
-        let by_r_rim = zero - by_w * self.radius * safe_w.recip();
-        by_r = by_r_rim.where_positive(off_middle) + by_r.where_positive(zero - off_middle);
+        // without a pole. Near the middle the chord hardly differs from node to node.
+        let off_middle = w * w - self.all(0.25) * self.radius2;
+        let (numerator, denominator) = (
+            by_chord.unless_positive(off_middle),
+            middle_chord.max(self.least_chord).unless_positive(off_middle),
+        );
+        let numerator = numerator - by_w.where_positive(off_middle);
+        let denominator = denominator + w.where_positive(off_middle);
+        let by_r = numerator * self.radius * denominator.recip();
 
         // Where on the ball: the part of the chord that lay over this pixel during the exposure.
-        let chord = (self.radius2 - w * w).positive().sqrt();
+        let chord = middle_chord;
         let low = (s - self.half_length).max(zero - chord);
         let high = (s + self.half_length).min(chord);
-        let middle = (Lanes::all(0.5) * (low + high)).max(zero - chord).min(chord) * self.inverse_radius;
+        let middle = (self.all(0.5) * (low + high)).max(zero - chord).min(chord) * self.inverse_radius;
         let extent = (high - low).positive() * self.inverse_radius;
-        let across = (w * self.inverse_radius).max(Lanes::all(-1.0)).min(Lanes::all(1.0));
+        let across = (w * self.inverse_radius).max(self.all(-1.0)).min(self.all(1.0));
         // Two Gauss nodes over that part.
-        let spread = extent * Lanes::all(0.288_675_13);
-        let rest = Lanes::all(1.0) - across * across;
+        let spread = extent * self.all(0.288_675_13);
+        let rest = self.all(1.0) - across * across;
         let mut caught = [zero; 3];
         for along in [middle - spread, middle + spread] {
             let towards = (rest - along * along).positive().sqrt();
-            let towards_of = |[x, w, z]: [Lanes; 3]| along * x + across * w + towards * z;
+            let towards_of = |[x, w, z]: [L; 3]| along * x + across * w + towards * z;
             let cosine = towards_of(self.light[0]);
-            let half = Lanes::all(0.5);
+            let half = self.all(0.5);
             caught[0] = caught[0] + half * cosine.positive();
             for i in 1..3 {
                 caught[i] = caught[i] + half * towards_of(self.light[i]).where_positive(cosine);
@@ -184,17 +198,25 @@ impl Coverer {
         Coverage {
             alpha,
             slopes: [zero - by_s, zero - by_w, by_r, by_l, by_s * w - by_w * s],
-            place: [Lanes::all(1.0), middle, across, a, b, c],
+            place: [self.all(1.0), middle, across, a, b, c],
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{
+        super::lanes::{Plain, PlainLanes},
+        *,
+    };
+
+    fn at(sweep: &Sweep, x: f32, y: f32) -> Coverage<PlainLanes> {
+        let [x, y] = [x, y].map(|place| PlainLanes::all(Plain, place));
+        Coverer::new(Plain, sweep, &Light::default(), 1.0).at(x, y)
+    }
 
     fn alpha(sweep: &Sweep, x: f32, y: f32) -> f32 {
-        Coverer::new(sweep, &Light::default(), 1.0).at(Lanes::all(x), Lanes::all(y)).alpha.0[0]
+        at(sweep, x, y).alpha.to_array()[0]
     }
 
     /// Counts sub-pixels and instants.
@@ -258,9 +280,8 @@ mod tests {
                 for x in -16..=16 {
                     let (x, y) = (x as f32, y as f32);
                     let weight = 1.0 + 0.1 * x - 0.07 * y + 0.01 * x * y;
-                    let at = Coverer::new(&sweep, &Light::default(), 1.0).at(Lanes::all(x), Lanes::all(y));
-
-                    analytic += weight * at.slopes[i].0[0];
+                    let at = at(&sweep, x, y);
+                    analytic += weight * at.slopes[i].to_array()[0];
                     numeric +=
                         weight * (alpha(&moved(i, 1.0), x, y) - alpha(&moved(i, -1.0), x, y)) / (2.0 * step);
                 }

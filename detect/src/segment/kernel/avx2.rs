@@ -50,10 +50,6 @@ unsafe fn store(slice: &mut [u8], at: usize, value: __m256i) {
     unsafe { _mm256_storeu_si256(slice.as_mut_ptr().add(at).cast::<__m256i>(), value) }
 }
 
-/// How far ahead of the search memory is asked for, bytes: about a pair of rows. Without it the processor's own
-/// prefetchers, which stop at each page, leave a third of the time to waiting.
-const AHEAD: usize = 4096;
-
 /// Asks for the cache line `at` bytes from the slice's beginning, which may lie beyond its end.
 #[target_feature(enable = "avx2")]
 fn prefetch(slice: &[u8], at: usize) {
@@ -96,6 +92,27 @@ fn lanes_to_bits(lanes: __m256i) -> u16 {
     ((packed & 0xff) | ((packed >> 8) & 0xff00)) as u16
 }
 
+/// The marks of 16 cells of a pair of rows.
+///
+/// # Safety
+/// All rows have 32 bytes from `at` on.
+#[target_feature(enable = "avx2")]
+unsafe fn marks(rows: [&[u8]; 2], background: [&[u8]; 2], at: usize, tables: &Tables) -> u16 {
+    let ones = _mm256_set1_epi8(1);
+    let mut difference = _mm256_setzero_si256();
+    let mut threshold = _mm256_setzero_si256();
+    for y in 0..2 {
+        // SAFETY: by this function's own contract.
+        let (seen, level) = unsafe { (load(rows[y], at), load(background[y], at)) };
+        let index = index_of(level);
+        let d = abs_diff(seen, expected(level, index, tables));
+        let t = _mm256_shuffle_epi8(tables.threshold, index);
+        difference = _mm256_add_epi16(difference, _mm256_maddubs_epi16(d, ones));
+        threshold = _mm256_add_epi16(threshold, _mm256_maddubs_epi16(t, ones));
+    }
+    lanes_to_bits(_mm256_cmpgt_epi16(difference, threshold))
+}
+
 /// # Safety
 /// The processor has AVX2; all rows have one length, and `words` a word for every 32 pixels of it.
 #[target_feature(enable = "avx2")]
@@ -104,13 +121,11 @@ pub unsafe fn foreground(
     background: [&[u8]; 2],
     zones: &[LevelTables],
     zone_px: usize,
+    ahead: usize,
     words: &mut [u16],
-) -> bool {
-    let width = rows[0].len();
-    let whole_words = width / WORD_PX;
+) {
+    let whole_words = rows[0].len() / WORD_PX;
     let zone_words = zone_px / WORD_PX;
-    let ones = _mm256_set1_epi8(1);
-    let mut any = 0;
     let mut word_index = 0;
     for (zone, tables) in zones.iter().enumerate() {
         let end =
@@ -120,29 +135,39 @@ pub unsafe fn foreground(
             let at = word_index * WORD_PX;
             if word_index.is_multiple_of(2) {
                 for y in 0..2 {
-                    prefetch(rows[y], at + AHEAD);
-                    prefetch(background[y], at + AHEAD);
+                    prefetch(rows[y], at + ahead);
+                    prefetch(background[y], at + ahead);
                 }
             }
-            let mut difference = _mm256_setzero_si256();
-            let mut threshold = _mm256_setzero_si256();
-            for y in 0..2 {
-                // SAFETY: at + 32 ≤ whole_words × 32 ≤ width, which is the length of all four rows.
-                let (seen, level) = unsafe { (load(rows[y], at), load(background[y], at)) };
-                let index = index_of(level);
-                let d = abs_diff(seen, expected(level, index, &tables));
-                let t = _mm256_shuffle_epi8(tables.threshold, index);
-                difference = _mm256_add_epi16(difference, _mm256_maddubs_epi16(d, ones));
-                threshold = _mm256_add_epi16(threshold, _mm256_maddubs_epi16(t, ones));
-            }
-            let bits = lanes_to_bits(_mm256_cmpgt_epi16(difference, threshold));
-            words[word_index] = bits;
-            any |= bits;
+            // SAFETY: at + 32 ≤ whole_words × 32 ≤ width, which is the length of all four rows.
+            words[word_index] = unsafe { marks(rows, background, at, &tables) };
             word_index += 1;
         }
     }
-    let rest = plain::foreground(rows, background, zones, zone_px, words, whole_words);
-    any != 0 || rest
+    plain::foreground(rows, background, zones, zone_px, words, whole_words);
+}
+
+/// # Safety
+/// The processor has AVX2; all rows have one length, and `words` a word for every 32 pixels of it.
+#[target_feature(enable = "avx2")]
+pub unsafe fn foreground_among(
+    rows: [&[u8]; 2],
+    background: [&[u8]; 2],
+    zones: &[LevelTables],
+    zone_px: usize,
+    words: &mut [u16],
+) {
+    let whole_words = rows[0].len() / WORD_PX;
+    for (word_index, word) in words.iter_mut().enumerate().take(whole_words) {
+        if *word == 0 {
+            continue;
+        }
+        let at = word_index * WORD_PX;
+        let tables = load_tables(&zones[(at / zone_px).min(zones.len() - 1)]);
+        // SAFETY: at + 32 ≤ whole_words × 32 ≤ width, which is the length of all four rows.
+        *word = unsafe { marks(rows, background, at, &tables) };
+    }
+    plain::foreground_among(rows, background, zones, zone_px, words, whole_words);
 }
 
 /// # Safety

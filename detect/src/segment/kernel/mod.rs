@@ -99,8 +99,8 @@ impl Kernel {
     /// Marks the cells of a pair of rows that differ from the background.
     ///
     /// `zones` are the tables of stretches of `zone_px` pixels (a multiple of [`WORD_PX`]); the last one
-    /// serves what is left. Writes one word per 32 pixels, the last one for what remains of the row; returns
-    /// whether any bit is set.
+    /// serves what is left. Writes one word per 32 pixels, the last one for what remains of the row. Memory
+    /// `ahead_px` pixels further on, in frame and background, is asked for on the way.
     ///
     /// # Panics
     /// When the slices do not have one length, or `words` is too short for them.
@@ -110,20 +110,42 @@ impl Kernel {
         background: [&[u8]; 2],
         zones: &[LevelTables],
         zone_px: usize,
+        ahead_px: usize,
         words: &mut [u16],
-    ) -> bool {
-        let width = rows[0].len();
-        assert!(rows[1].len() == width && background[0].len() == width && background[1].len() == width);
-        assert!(words.len() >= width.div_ceil(WORD_PX) && !zones.is_empty());
-        assert!(zone_px >= WORD_PX && zone_px.is_multiple_of(WORD_PX));
+    ) {
+        check_foreground(rows, background, zones, zone_px, words);
         match self {
             Self::Plain => plain::foreground(rows, background, zones, zone_px, words, 0),
             // SAFETY: `detect` gives Avx2 only where the processor has it; the lengths are checked above.
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => unsafe { avx2::foreground(rows, background, zones, zone_px, words) },
+            Self::Avx2 => unsafe { avx2::foreground(rows, background, zones, zone_px, ahead_px, words) },
             // SAFETY: `detect` gives Neon only where the processor has it; the lengths are checked above.
             #[cfg(target_arch = "aarch64")]
             Self::Neon => unsafe { neon::foreground(rows, background, zones, zone_px, words) },
+        }
+    }
+
+    /// As [`Self::foreground`], but only where a word is not zero: others are left so, and their pixels not read.
+    ///
+    /// # Panics
+    /// When the slices do not have one length, or `words` is too short for them.
+    pub fn foreground_among(
+        self,
+        rows: [&[u8]; 2],
+        background: [&[u8]; 2],
+        zones: &[LevelTables],
+        zone_px: usize,
+        words: &mut [u16],
+    ) {
+        check_foreground(rows, background, zones, zone_px, words);
+        match self {
+            Self::Plain => plain::foreground_among(rows, background, zones, zone_px, words, 0),
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => unsafe { avx2::foreground_among(rows, background, zones, zone_px, words) },
+            // Few words are looked at so.
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => plain::foreground_among(rows, background, zones, zone_px, words, 0),
         }
     }
 
@@ -205,4 +227,17 @@ impl Kernel {
             Self::Neon => unsafe { neon::sum(bytes) },
         }
     }
+}
+
+fn check_foreground(
+    rows: [&[u8]; 2],
+    background: [&[u8]; 2],
+    zones: &[LevelTables],
+    zone_px: usize,
+    words: &[u16],
+) {
+    let width = rows[0].len();
+    assert!(rows[1].len() == width && background[0].len() == width && background[1].len() == width);
+    assert!(words.len() >= width.div_ceil(WORD_PX) && !zones.is_empty());
+    assert!(zone_px >= WORD_PX && zone_px.is_multiple_of(WORD_PX));
 }

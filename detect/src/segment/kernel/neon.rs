@@ -54,10 +54,9 @@ pub unsafe fn foreground(
     zones: &[LevelTables],
     zone_px: usize,
     words: &mut [u16],
-) -> bool {
+) {
     let whole_words = rows[0].len() / WORD_PX;
     let zone_words = zone_px / WORD_PX;
-    let mut any = 0;
     let mut word_index = 0;
     for (zone, tables) in zones.iter().enumerate() {
         let end =
@@ -81,12 +80,10 @@ pub unsafe fn foreground(
                 bits |= lanes_to_bits(vcgtq_u16(difference, threshold)) << (8 * half);
             }
             words[word_index] = bits;
-            any |= bits;
             word_index += 1;
         }
     }
-    let rest = plain::foreground(rows, background, zones, zone_px, words, whole_words);
-    any != 0 || rest
+    plain::foreground(rows, background, zones, zone_px, words, whole_words);
 }
 
 /// # Safety

@@ -10,10 +10,26 @@ pub fn foreground(
     zone_px: usize,
     words: &mut [u16],
     first_word: usize,
-) -> bool {
+) {
+    let count = rows[0].len().div_ceil(WORD_PX);
+    words[first_word..count].fill(0xffff);
+    foreground_among(rows, background, zones, zone_px, words, first_word);
+}
+
+/// From word `first_word` on, where words are not zero.
+pub fn foreground_among(
+    rows: [&[u8]; 2],
+    background: [&[u8]; 2],
+    zones: &[LevelTables],
+    zone_px: usize,
+    words: &mut [u16],
+    first_word: usize,
+) {
     let width = rows[0].len();
-    let mut any = 0;
     for (word_index, word) in words.iter_mut().enumerate().take(width.div_ceil(WORD_PX)).skip(first_word) {
+        if *word == 0 {
+            continue;
+        }
         let x0 = word_index * WORD_PX;
         let tables = &zones[(x0 / zone_px).min(zones.len() - 1)];
         let mut bits = 0;
@@ -30,9 +46,7 @@ pub fn foreground(
             bits |= u16::from(difference > threshold) << cell;
         }
         *word = bits;
-        any |= bits;
     }
-    any != 0
 }
 
 /// From word `first_word` on.
