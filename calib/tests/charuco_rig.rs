@@ -160,7 +160,17 @@ fn views_that_were_not_used_fit_to_a_pixel() {
     // The board is carried at 40 px/s and more, and cam1's frames were exposed an eighth of a second before the others'
     // of the same stamp: a webcam's clock.
     let clock = rig.cameras[1].clock.as_ref().expect("cam1's clock is off");
-    assert!(clock.later_s < -10.0 * clock.sd_s, "{clock:?}");
+    assert!(clock.later_s < -4.0 * clock.sd_s, "{clock:?}");
+    // The standard deviation is honest: the other half of the instants, with other jitter, gives the same within it.
+    let others = shots.iter().enumerate().filter(|(i, _)| !is_used(*i)).map(|(_, s)| s.clone()).collect();
+    let other = calibrate(others, &detector);
+    let second = other.cameras[1].clock.as_ref().expect("cam1's clock is off");
+    let apart = (clock.later_s - second.later_s).abs();
+    println!(
+        "cam1's clock: {clock:?} and {second:?}, {:.1} standard deviations apart",
+        apart / clock.sd_s.hypot(second.sd_s)
+    );
+    assert!(apart < 3.0 * clock.sd_s.hypot(second.sd_s), "{clock:?} {second:?}");
     let mut all: Vec<f64> = corners.iter().map(|c| c.residual.norm()).collect();
     all.sort_by(f64::total_cmp);
     let median = all[all.len() / 2];

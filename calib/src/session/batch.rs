@@ -1,6 +1,12 @@
 //! Pictures that were all taken before: offered to a session at once.
 
-use super::{error::SessionError, machine::Session, setup::Task, shot::Shot, verdict::Verdict};
+use super::{
+    error::SessionError,
+    machine::Session,
+    setup::Task,
+    shot::{Shot, Sight},
+    verdict::Verdict,
+};
 use crate::{
     board::Pattern,
     detect::{BoardView, Detector},
@@ -28,13 +34,21 @@ impl Session {
         self.gather()?;
         for camera in 0..self.setup.cameras.len() {
             if let Some(expected) = usual_size(boards(&shots, camera).map(|(_, size)| size)) {
-                reject(&mut shots, camera, |found| {
-                    (found != expected).then_some(Rejection::Size { found, expected })
-                });
+                // Those without a board, too: it may be for their size that none was found.
+                for shot in &mut shots {
+                    if let Some(Ok(Sight { size: found, .. })) = shot.sights[camera]
+                        && found != expected
+                    {
+                        shot.sights[camera] = Some(Err(Rejection::Size { found, expected }));
+                    }
+                }
             }
             if let Some(seen) = largest_part(&self.detector, boards(&shots, camera).map(|(board, _)| board)) {
                 let wanted = self.detector.board().to_string();
-                reject(&mut shots, camera, |_| Some(Rejection::NeverWhole { wanted: wanted.clone(), seen }));
+                for shot in shots.iter_mut().filter(|s| board_in(s, camera).is_some()) {
+                    let wanted = wanted.clone();
+                    shot.sights[camera] = Some(Err(Rejection::NeverWhole { wanted, seen }));
+                }
             }
         }
         if self.setup.task == Task::Rig {
@@ -77,15 +91,6 @@ fn board_in(shot: &Shot, camera: usize) -> Option<(&BoardView, (u32, u32))> {
 
 fn boards(shots: &[Shot], camera: usize) -> impl Iterator<Item = (&BoardView, (u32, u32))> + Clone {
     shots.iter().filter_map(move |s| board_in(s, camera))
-}
-
-/// Rejects a camera's boards for what their pictures' size says.
-fn reject(shots: &mut [Shot], camera: usize, why: impl Fn((u32, u32)) -> Option<Rejection>) {
-    for shot in shots {
-        if let Some(reason) = board_in(shot, camera).and_then(|(_, size)| why(size)) {
-            shot.sights[camera] = Some(Err(reason));
-        }
-    }
 }
 
 /// The size that most pictures have; of equally many the first.

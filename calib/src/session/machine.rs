@@ -3,6 +3,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::{
+    carried::Carried,
     error::SessionError,
     judging::board_of,
     kept::{KeptShot, KeptView, Mark},
@@ -45,6 +46,7 @@ pub struct Session {
     pub(super) marks: Vec<Mark>,
     tallies: Vec<Tally>,
     stillness: Vec<Stillness>,
+    carried: Carried,
     pub(super) last: Vec<Option<Sight>>,
     pub(super) last_verdict: Option<Verdict>,
     outcome: Option<Arc<Outcome>>,
@@ -65,6 +67,7 @@ impl Session {
             marks: Vec::new(),
             tallies: vec![Tally::default(); cameras],
             stillness: vec![Stillness::default(); cameras],
+            carried: Carried::new(cameras),
             last: vec![None; cameras],
             last_verdict: None,
             outcome: None,
@@ -213,6 +216,9 @@ impl Session {
         if self.phase == Phase::Gathering && !verdict.keeps_any() {
             Tally::note_all(&mut self.tallies, &verdict, self.setup.continuous);
         }
+        if self.setup.task == Task::Rig && self.setup.continuous {
+            self.carried.note(shot, &self.detector);
+        }
         self.remember(shot);
         self.last_verdict.insert(verdict)
     }
@@ -301,7 +307,12 @@ impl Session {
         }
         self.phase = Phase::Processing;
         self.failure = None;
-        Ok(Problem { setup: self.setup.clone(), cameras: self.views(), marks: self.marks.clone() })
+        Ok(Problem {
+            setup: self.setup.clone(),
+            cameras: self.views(),
+            carried: self.carried.views(&self.setup.cameras),
+            marks: self.marks.clone(),
+        })
     }
 
     /// Takes the result of the problem that [`Self::process`] handed out. Without one the session goes back to

@@ -8,6 +8,7 @@ mod advice;
 mod aims;
 mod batch;
 mod blur;
+mod carried;
 mod error;
 mod files;
 mod folder;

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     solve::{
         CalibrationError, CameraViews, CrossValidation, MonoCalibration, MonoOptions, Report, RigCalibration,
-        View, calibrate_mono, calibrate_rig, coverage, cross_validate,
+        RigOptions, View, calibrate_mono, calibrate_rig, coverage, cross_validate,
     },
     table::TableError,
 };
@@ -25,6 +25,9 @@ pub struct Problem {
     pub setup: Setup,
     /// The views, per camera.
     pub cameras: Vec<CameraViews>,
+    /// Looks at the board while it was carried, per camera, with its motion: coarse, but they tell of clocks. May be
+    /// empty.
+    pub carried: Vec<CameraViews>,
     /// Marks of the table that somebody pointed at.
     pub marks: Vec<Mark>,
 }
@@ -116,7 +119,11 @@ impl Problem {
                     }
                 }
                 progress("poses of all cameras together", (steps - 1.0) / steps);
-                let rig = calibrate_rig(&self.cameras, &models, &self.setup.solver.rig)?;
+                let mut rig = calibrate_rig(&self.cameras, &models, &self.setup.solver.rig)?;
+                if !rig.timed {
+                    progress("clocks", (steps - 0.5) / steps);
+                    self.clocks(&mut rig);
+                }
                 let coverage = self.cameras.iter().map(covered).collect();
                 Ok(Outcome::Rig { solved, rig: Box::new(rig), coverage })
             }
@@ -129,6 +136,23 @@ impl Problem {
 }
 
 impl Problem {
+    /// Clocks from the looks at the board while it was carried; the views that were kept stand still and say nothing
+    /// of them. Their poses are not used: kept views are finer.
+    fn clocks(&self, rig: &mut RigCalibration) {
+        let models: Vec<CameraModel> = rig.cameras.iter().map(|c| c.model).collect();
+        // Too few looks, or none together: then nothing is known of clocks, and the poses are as good.
+        let looked = self.carried.len() == models.len() && self.carried.iter().any(|c| !c.views.is_empty());
+        let Some(Ok(by_looks)) =
+            looked.then(|| calibrate_rig(&self.carried, &models, &RigOptions::default()))
+        else {
+            return;
+        };
+        rig.timed = by_looks.timed;
+        for (camera, by_looks) in rig.cameras.iter_mut().zip(by_looks.cameras) {
+            camera.clock = by_looks.clock;
+        }
+    }
+
     /// The views, per camera, and the marks that somebody pointed at as one more view, [`MARKS_VIEW`].
     pub fn views_with_marks(&self) -> Vec<CameraViews> {
         let mut cameras = self.cameras.clone();

@@ -272,6 +272,48 @@ fn poses_need_views_that_two_cameras_have_at_once() {
     assert_eq!(outcome.report().kind, "stereo");
 }
 
+/// A board in a hand.
+fn carried(t: f64) -> Transform<Camera, Board> {
+    let swing = |reach: f64, period: f64| reach * (t / period * std::f64::consts::TAU).sin();
+    pose(
+        640.0 + swing(180.0, 3.1),
+        400.0 + swing(110.0, 2.3),
+        0.95 + swing(0.1, 4.1),
+        swing(0.3, 3.7),
+        swing(0.3, 2.9),
+    )
+}
+
+#[test]
+fn a_clock_is_found_while_the_board_is_carried_from_place_to_place() {
+    for later_s in [0.0, 0.03] {
+        let mut session = session(Task::Rig, 2, true, true);
+        session.gather().expect("may");
+        for turn in 0..12 {
+            session.offer(&both(&format!("still {turn}"), &obey(&Advice::Wait, turn), 1000));
+        }
+        for look in 0..60u64 {
+            let (stamp_ns, t) = (1_000_000_000 + look * 100_000_000, look as f64 * 0.1);
+            let then = carried(t + later_s);
+            let right = &right_from_left() * &Transform::<World, Board>::new(then.rotation, then.translation);
+            let sights = vec![Some(sight(&carried(t), stamp_ns)), Some(sight(&right, stamp_ns))];
+            session.look(&shot(&format!("look {look}"), sights));
+        }
+        let outcome = session.process().expect("views").solve(&|_, _| {}).expect("solves");
+        let Outcome::Rig { rig, .. } = &outcome else { panic!("poses were asked for") };
+        assert!(rig.timed);
+        let clock = rig.cameras[1].clock.as_ref();
+        let found_s = clock.map_or(0.0, |c| c.later_s);
+        assert!(
+            clock.is_some() == (later_s != 0.0) && (found_s - later_s).abs() < 2e-3,
+            "{clock:?}, {later_s} s"
+        );
+        // Poses come from views that were kept, which stood still.
+        let off = rig.cameras[1].camera_from_first.translation - right_from_left().translation;
+        assert!(off.norm() < 1e-3, "{off}");
+    }
+}
+
 #[test]
 fn a_lens_that_is_not_known_is_calibrated_from_the_views_for_poses() {
     let mut session = session(Task::Rig, 2, false, false);

@@ -1,6 +1,7 @@
 //! Cameras whose clocks are off: a board that is carried about is seen too early or too late by them.
 
 use netcord_common::geometry::{Board, Transform, World};
+use rayon::prelude::*;
 
 use super::{
     bundle::{Bundle, Sighting, Solution, SolveOptions},
@@ -12,8 +13,18 @@ use super::{
 pub struct Clock {
     /// How much later its frames were exposed than the others' of the same stamp, s; negative: earlier.
     pub later_s: f64,
-    /// Its standard deviation, s.
+    /// Its standard deviation, s: from the noise of the corners, or from how much the clock differs where a part of
+    /// the views is left out, whichever is more. The latter holds jitter, and clocks that drift.
     pub sd_s: f64,
+}
+
+/// A clock that is believed to be off.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Found {
+    /// As [`Clock::later_s`]; 0 where nothing is to be claimed.
+    pub(super) later_s: f64,
+    /// Its standard deviation by the jackknife, s.
+    spread_s: f64,
 }
 
 type Boards = Bundle<6, Transform<World, Board>>;
@@ -29,17 +40,19 @@ const LONGEST_S: f64 = 0.25;
 const LEAST_VIEWS: usize = 6;
 /// Parts into which views are divided to judge by those left out.
 const FOLDS: usize = 2;
+/// Parts of neighbouring views of which one at a time is left out to see how much a clock differs.
+const PARTS: usize = 10;
 /// As for views that contradict others: a pixel is no noise.
 const LOSS: Loss = Loss::Cauchy { scale_px: 1.0 };
 
-/// How much later each camera's frames were exposed than its stamps say, s, against the camera whose clock is in
-/// the middle; 0 where nothing is to be claimed. The bundle must be near its solution.
+/// How much later each camera's frames were exposed than its stamps say, against the camera whose clock is in
+/// the middle. The bundle must be near its solution.
 ///
 /// Minimises Cauchy's loss of the corners, moved along their motion, over poses, boards and clocks. A clock is
-/// accepted when it is [`SURE`] standard deviations off, and views that were left out fit worse without it by
-/// [`GAIN`]; the least certain is dropped first.
-pub(super) fn find_clocks(bundle: &Boards) -> Vec<f64> {
-    let nothing = vec![0.0; bundle.cameras.len()];
+/// accepted when it is [`SURE`] standard deviations off, by the noise and by the jackknife, and views that were left
+/// out fit worse without it by [`GAIN`]; the least certain is dropped first.
+pub(super) fn find_clocks(bundle: &Boards) -> Vec<Found> {
+    let nothing = vec![Found::default(); bundle.cameras.len()];
     let moving = in_motion(bundle);
     let views = |c: usize| moving.sightings.iter().filter(|s| s.camera == c).count();
     let able: Vec<usize> = (0..bundle.cameras.len()).filter(|c| views(*c) >= LEAST_VIEWS).collect();
@@ -64,11 +77,53 @@ pub(super) fn find_clocks(bundle: &Boards) -> Vec<f64> {
         let believed = sigmas(least) >= SURE
             && cost_without > (1.0 + GAIN) * cost
             && solution.cameras[least].later_s.abs() < LONGEST_S;
-        if believed {
-            return solution.cameras.iter().map(|c| c.later_s).collect();
+        if believed && let Some(spread_s) = spread(&solution) {
+            let found: Vec<Found> = solution
+                .cameras
+                .iter()
+                .zip(spread_s)
+                .map(|(c, spread_s)| Found { later_s: c.later_s, spread_s })
+                .collect();
+            if free.iter().all(|c| found[*c].later_s.abs() >= SURE * found[*c].spread_s) {
+                return found;
+            }
         }
         (free, cost) = (without, cost_without);
     }
+}
+
+/// Standard deviations of the clocks of `free`, s, by the jackknife over [`PARTS`] of neighbouring views: what one
+/// exposure's jitter does to all corners of a view, and a drift to all views of a while, the noise of corners does not
+/// tell. (Efron and Tibshirani 1993, chapter 11, with groups.)
+fn spread(solution: &Boards) -> Option<Vec<f64>> {
+    let count = solution.blocks.len();
+    let parts = PARTS.min(count);
+    let without = |p: usize| -> Option<Vec<f64>> {
+        let mut rest = part(solution, |b| b * parts / count != p);
+        for (c, camera) in rest.cameras.iter_mut().enumerate() {
+            // A camera that none of these boards ties to the others stays where it is.
+            let seen = rest.sightings.iter().any(|s| s.camera == c);
+            camera.freedom.pose &= seen;
+            camera.freedom.clock &= seen;
+        }
+        // It begins at the solution: a few steps lead to where a part less puts it.
+        rest.solve(&SolveOptions { loss: LOSS, max_steps: 12 })?;
+        Some(rest.cameras.iter().map(|c| c.later_s).collect())
+    };
+    let found: Vec<Vec<f64>> = (0..parts).into_par_iter().map(without).collect::<Option<_>>()?;
+    let n = parts as f64;
+    let of_camera = |c: usize| {
+        let mean = found.iter().map(|f| f[c]).sum::<f64>() / n;
+        ((n - 1.0) / n * found.iter().map(|f| (f[c] - mean).powi(2)).sum::<f64>()).sqrt()
+    };
+    Some((0..solution.cameras.len()).map(of_camera).collect())
+}
+
+/// Whether the views tell anything of clocks: two cameras saw the board in motion at once, often enough.
+pub(super) fn tells_of_clocks(bundle: &Boards) -> bool {
+    let moving = in_motion(bundle);
+    let able = |c: usize| moving.sightings.iter().filter(|s| s.camera == c).count() >= LEAST_VIEWS;
+    (0..bundle.cameras.len()).filter(|c| able(*c)).count() >= 2
 }
 
 /// Only what moves, seen by two cameras or more; lenses stay as they are.
@@ -148,9 +203,16 @@ fn held_out(bundle: &Boards, free: &[usize]) -> Option<f64> {
 }
 
 /// The clock of camera `c` after the last solution.
-pub(super) fn clock_of(bundle: &Boards, solution: &Solution, c: usize, variance_px2: f64) -> Option<Clock> {
+pub(super) fn clock_of(
+    bundle: &Boards,
+    solution: &Solution,
+    c: usize,
+    variance_px2: f64,
+    found: &Found,
+) -> Option<Clock> {
     let state = &bundle.cameras[c];
-    Some(Clock { later_s: state.later_s, sd_s: solution.clock_sd_s(c, state, variance_px2)? })
+    let by_noise = solution.clock_sd_s(c, state, variance_px2)?;
+    Some(Clock { later_s: state.later_s, sd_s: by_noise.max(found.spread_s) })
 }
 
 /// Sightings of cameras whose clock is off and of which nobody knows how they move: where the board was is not

@@ -45,6 +45,19 @@ impl MovingPoints {
         Self { pixels: self.pixels.iter().map(|p| p.filter(inside)).collect(), ..self.clone() }
     }
 
+    /// As the points were `later_s` before the camera saw them: at the instants of its stamps, where its frames are
+    /// exposed so much later than stamped. Points of which no velocity is known are left out then.
+    #[must_use]
+    pub fn on_time(mut self, later_s: f64) -> Self {
+        if later_s != 0.0 {
+            let velocities = self.velocities.iter().copied().chain(std::iter::repeat(None));
+            for (pixel, velocity) in self.pixels.iter_mut().zip(velocities) {
+                *pixel = pixel.zip(velocity).map(|(p, v)| p - v * later_s);
+            }
+        }
+        self
+    }
+
     /// With velocities from the instants before and after, s; at each there are `markers` points. Beside a gap
     /// none is known.
     #[must_use]

@@ -8,7 +8,7 @@ use netcord_common::{
 
 use super::{
     bundle::{Bundle, BundleCamera, Freedom, Sighting, SolveOptions},
-    clocks::{Clock, clock_of, drop_unmoved, find_clocks},
+    clocks::{Clock, clock_of, drop_unmoved, find_clocks, tells_of_clocks},
     error::CalibrationError,
     looks::{after_s, instant_ns},
     loss::Loss,
@@ -101,6 +101,8 @@ pub struct RigCalibration {
     pub rejected: Vec<RejectedView>,
     /// Points to look at; the view's name has the camera's before it.
     pub outliers: Vec<Outlier>,
+    /// Whether the views tell anything of clocks: they have stamps, and the board moved in several.
+    pub timed: bool,
 }
 
 /// A view's error relative to the median view from which it counts as unsynchronised or wrong…
@@ -193,9 +195,10 @@ pub fn calibrate_rig(
         view_of_block.push(view);
     }
     let clocks = find_clocks(&bundle);
-    for (camera, later_s) in bundle.cameras.iter_mut().zip(clocks) {
-        camera.later_s = later_s;
-        camera.freedom.clock = later_s != 0.0;
+    let timed = tells_of_clocks(&bundle);
+    for (camera, found) in bundle.cameras.iter_mut().zip(&clocks) {
+        camera.later_s = found.later_s;
+        camera.freedom.clock = found.later_s != 0.0;
     }
     let unmoved = drop_unmoved(&mut bundle);
     compact(&mut bundle, &mut view_of_block, refine);
@@ -247,7 +250,7 @@ pub fn calibrate_rig(
                 model: state.model,
                 camera_from_first: state.camera_from_rig,
                 covariance,
-                clock: clock_of(&bundle, &solution, i, variance),
+                clock: clock_of(&bundle, &solution, i, variance, &clocks[i]),
                 unmoved: unmoved[i],
             })
         })
@@ -272,6 +275,7 @@ pub fn calibrate_rig(
         views,
         rejected,
         outliers,
+        timed,
     })
 }
 

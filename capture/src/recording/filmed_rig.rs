@@ -151,6 +151,7 @@ impl Footage {
             line: None,
             line_delay_ns: 0,
             wiring: Wiring::default(),
+            clock_delay: None,
             model,
             intrinsics_sigma: None,
             camera_from_world,

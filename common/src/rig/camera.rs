@@ -51,6 +51,16 @@ pub enum TriggerRole {
 /// Standard deviations of `fx fy cx cy k1 k2 p1 p2 k3`, as calibration found them.
 pub type IntrinsicsSigma = [f64; INTRINSICS];
 
+/// How much later than its stamps say a camera's frames are exposed, as calibration by a moving board found it.
+/// Negative: earlier.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClockDelay {
+    /// The delay, s.
+    pub delay_s: f64,
+    /// Its standard deviation, s.
+    pub sigma_s: f64,
+}
+
 /// One camera of a rig.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigCamera {
@@ -78,6 +88,9 @@ pub struct RigCamera {
     pub line_delay_ns: u64,
     /// Polarity and delay of its trigger, and the meaning of its stamps.
     pub wiring: Wiring,
+    /// Its clock's error, where calibration found one. Frames of one trigger are taken for simultaneous whatever it
+    /// says: it serves to compare stamps of cameras that no trigger holds together.
+    pub clock_delay: Option<ClockDelay>,
     /// Intrinsics.
     pub model: CameraModel,
     /// Standard deviations of the intrinsics, where calibration gave them.

@@ -8,7 +8,7 @@ use std::{
 use nalgebra::{Matrix3, Vector3};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
 
-use super::{IntrinsicsSigma, Rig, RigError};
+use super::{ClockDelay, IntrinsicsSigma, Rig, RigError};
 use crate::{
     camera::{CameraModel, Distortion},
     geometry::{Camera, Transform, World},
@@ -198,6 +198,32 @@ impl RigEdit {
         self.camera(name)["pose"] = Item::Table(pose);
     }
 
+    /// Notes a camera's clock error, or that none is known.
+    pub fn set_clock_delay(&mut self, name: &CameraName, delay: Option<&ClockDelay>) {
+        let camera = self.camera(name);
+        match delay {
+            Some(delay) => {
+                // To a microsecond: what lies below is noise.
+                let ms = |seconds: f64| value((seconds * 1e6).round() / 1e3);
+                camera["clock_delay_ms"] = ms(delay.delay_s);
+                camera["clock_delay_sigma_ms"] = ms(delay.sigma_s);
+            }
+            None => {
+                camera.remove("clock_delay_ms");
+                camera.remove("clock_delay_sigma_ms");
+            }
+        }
+    }
+
+    /// How much later than stamped the frames of the camera called `name` are exposed, s; 0 where the file says
+    /// nothing.
+    pub fn clock_delay_s(&self, name: &str) -> f64 {
+        let cameras = self.document.get("camera").and_then(Item::as_array_of_tables);
+        let camera = cameras
+            .and_then(|cameras| cameras.iter().find(|c| c.get("name").and_then(Item::as_str) == Some(name)));
+        camera.and_then(|c| number(c.get("clock_delay_ms")?.as_value()?)).map_or(0.0, |ms| ms * 1e-3)
+    }
+
     /// Sets the table's pose: `first_from_table`, R and t in metres.
     pub fn set_table(
         &mut self,
@@ -323,10 +349,22 @@ mod tests {
         edit.set_flight("friction", 0.21, "± 0.01");
         edit.set_flight("drag", 0.44, "");
         assert!(edit.text().contains("friction = 0.21 # ± 0.01\n"), "{}", edit.text());
+        let clock = ClockDelay { delay_s: -0.117, sigma_s: 0.0125 };
+        edit.set_clock_delay(&name, Some(&clock));
+        assert!((edit.clock_delay_s("left") + 0.117).abs() < 1e-9 && edit.clock_delay_s("right") == 0.0);
         edit.save().expect("written");
 
         let rig = Rig::load(&path).expect("complete now");
         assert_eq!(rig.cameras[0].model, model);
+        let read = rig.cameras[0].clock_delay.expect("noted");
+        assert!((read.delay_s + 0.117).abs() < 1e-9 && (read.sigma_s - 0.0125).abs() < 1e-9, "{read:?}");
+        let mut without = edit.clone();
+        without.set_clock_delay(&name, None);
+        assert_eq!(without.resolve().expect("complete").cameras[0].clock_delay, None);
+        let mut lonely = without;
+        lonely.camera(&name)["clock_delay_sigma_ms"] = value(1.0);
+        let said = lonely.resolve().expect_err("a sigma of nothing").to_string();
+        assert!(said.contains("clock_delay_ms"), "{said}");
         assert_eq!((rig.flight.friction, rig.flight.drag), (0.21, 0.44));
         assert_eq!(RigEdit::open(&path).expect("TOML").intrinsics("left"), Some(model));
         assert_eq!(edit.intrinsics("right"), None);

@@ -71,6 +71,9 @@ pub(super) struct CameraTable {
     pub(super) trigger_delay_us: Option<Spanned<f64>>,
     #[serde(default)]
     pub(super) stamp: StampMeaning,
+    /// How much later than stamped its frames are exposed.
+    pub(super) clock_delay_ms: Option<Spanned<f64>>,
+    pub(super) clock_delay_sigma_ms: Option<Spanned<f64>>,
     pub(super) intrinsics: Option<Spanned<IntrinsicsTable>>,
     pub(super) pose: Option<PoseTable>,
 }

@@ -16,7 +16,7 @@ mod resolve;
 mod wiring;
 
 pub use ball::{Ball, BallColour};
-pub use camera::{CameraIndex, IntrinsicsSigma, RigCamera, TriggerRole};
+pub use camera::{CameraIndex, ClockDelay, IntrinsicsSigma, RigCamera, TriggerRole};
 pub use edit::{CalibrationNote, RigEdit};
 pub use error::RigError;
 pub use flight::{FlightConstants, HittingPlane};

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use toml::Spanned;
 
 use super::{
-    Ball, CameraIndex, FlightConstants, HittingPlane, ProcessSpec, RigCamera, RigError, Wiring,
+    Ball, CameraIndex, ClockDelay, FlightConstants, HittingPlane, ProcessSpec, RigCamera, RigError, Wiring,
     file::{CameraTable, FlightTable, PoseTable, ProcessTable, RigFile},
 };
 use crate::{
@@ -218,6 +218,19 @@ impl Source<'_> {
         let device_format = table.device_format.as_ref().map(format).transpose()?;
         let key = format!("camera {name}: trigger_delay_us");
         let delay_us = self.within(&key, table.trigger_delay_us.as_ref(), 0.0..=1e6)?.unwrap_or(0.0);
+        let key = |which: &str| format!("camera {name}: clock_delay{which}_ms");
+        let delay_ms = self.within(&key(""), table.clock_delay_ms.as_ref(), -1e3..=1e3)?;
+        let sigma_ms = self.within(&key("_sigma"), table.clock_delay_sigma_ms.as_ref(), 0.0..=1e3)?;
+        if let (None, Some(sigma)) = (delay_ms, &table.clock_delay_sigma_ms) {
+            return Err(self.error(
+                sigma.span(),
+                format!(
+                    "camera {name}: clock_delay_sigma_ms says how sure clock_delay_ms is, which is missing"
+                ),
+            ));
+        }
+        let clock_delay = delay_ms
+            .map(|delay_ms| ClockDelay { delay_s: delay_ms * 1e-3, sigma_s: sigma_ms.unwrap_or(0.0) * 1e-3 });
         let exposure_us = self
             .within(&format!("camera {name}: exposure_us"), Some(&table.exposure_us), 1.0..=1e6)?
             .expect("given");
@@ -237,6 +250,7 @@ impl Source<'_> {
                 delay_ns: (delay_us * 1e3).round() as u64,
                 stamp: table.stamp,
             },
+            clock_delay,
             model,
             intrinsics_sigma: k.sigma,
             camera_from_world: &camera_from_first * first_from_world,

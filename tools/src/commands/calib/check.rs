@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use netcord_calib::{
     check::{Check, CheckedCorner, Limits, Spread, check_boards, check_rod},
     gather::GatherOptions,
-    solve::{CameraViews, MovingPoints},
+    solve::{CameraViews, MovingPoints, on_time},
 };
 
 use super::{
@@ -61,12 +61,26 @@ pub fn run(args: &Args) -> CommandResult {
         Limits { reprojection_px: args.limit_px, epipolar_px: args.limit_px, length: args.limit_length };
     let (mut check, mut corners, mut views) = (Check::default(), Vec::new(), Vec::new());
     if let Some(spec) = &args.board {
-        views = views_of(&rig, spec, &args.images)?;
+        let seen = views_of(&rig, spec, &args.images)?;
+        views = on_time(&seen, &rig.later_s);
+        for ((before, after), later_s) in
+            seen.iter().zip(&views).zip(&rig.later_s).filter(|(_, s)| **s != 0.0)
+        {
+            println!(
+                "{}: its corners are taken back by the {:+.1} ms of its clock; {} of {} views, in which nothing tells how the \
+                 board moved, are left out",
+                after.name,
+                1e3 * later_s,
+                before.views.len() - after.views.len(),
+                before.views.len()
+            );
+        }
         (check, corners) = check_boards(&rig.cameras, &views, &limits);
     }
     if !args.points.tracks.is_empty() {
         let length = args.length.ok_or("a rod's length is needed: --length")?;
-        let joined = args.points.load(|name| rig.place(name).map(|i| rig.cameras[i].model))?;
+        let joined =
+            args.points.load(|name| rig.place(name).map(|i| (rig.cameras[i].model, rig.later_s[i])))?;
         let mut points: Vec<MovingPoints> = rig
             .cameras
             .iter()

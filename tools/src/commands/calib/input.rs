@@ -129,7 +129,7 @@ fn solve_corners(path: &Path, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Erro
             .into());
         }
     }
-    let problem = Problem { setup, cameras, marks: Vec::new() };
+    let problem = Problem { setup, cameras, carried: Vec::new(), marks: Vec::new() };
     let outcome = Arc::new(solved(&problem)?);
     Ok(Solved { outcome, cameras: problem.cameras, board: "corners from a file".to_owned() })
 }

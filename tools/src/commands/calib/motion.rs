@@ -55,10 +55,11 @@ pub struct Joined {
 }
 
 impl PointsArgs {
-    /// Reads the tracks and joins them by their instants; `model` gives a camera's intrinsics.
+    /// Reads the tracks and joins them by their instants; `known` gives a camera's intrinsics, and how much later than
+    /// stamped its frames are exposed, s: its points are taken back to the instants of their stamps.
     pub fn load(
         &self,
-        model: impl Fn(&str) -> Result<CameraModel, String>,
+        known: impl Fn(&str) -> Result<(CameraModel, f64), String>,
     ) -> Result<Joined, Box<dyn Error>> {
         let mut tracks: Vec<(String, Track)> = Vec::new();
         for track in &self.tracks {
@@ -87,14 +88,14 @@ impl PointsArgs {
         let cameras = tracks
             .into_iter()
             .map(|(name, track)| {
-                let model = model(&name)?;
+                let (model, later_s) = known(&name)?;
                 let mut pixels: Vec<Option<Vector2<f64>>> = vec![None; times_ns.len() * markers];
                 for (t, points) in track {
                     let instant = times_ns.partition_point(|x| *x <= t).saturating_sub(1);
                     pixels[instant * markers..(instant + 1) * markers].clone_from_slice(&points);
                 }
                 let points = MovingPoints { name, model, pixels, velocities: Vec::new() };
-                Ok(points.with_velocities(markers, &times_s))
+                Ok(points.with_velocities(markers, &times_s).on_time(later_s))
             })
             .collect::<Result<_, String>>()?;
         Ok(Joined { cameras, markers, instants: times_ns.len(), times_ns })
@@ -221,14 +222,25 @@ pub fn run(args: &Args) -> CommandResult {
         return Err("no points in motion: give --track".into());
     }
     let joined = args.points.load(|name| {
-        edit.intrinsics(name).ok_or_else(|| {
+        let model = edit.intrinsics(name).ok_or_else(|| {
             format!(
                 "{} has no intrinsics of a camera {name:?}; its cameras are {}",
                 args.rig.display(),
                 names.join(", ")
             )
-        })
+        })?;
+        Ok((model, edit.clock_delay_s(name)))
     })?;
+    for name in &names {
+        let later_s = edit.clock_delay_s(name);
+        if later_s != 0.0 {
+            println!(
+                "{name}: its points are taken back by the {:+.2} ms that {} gives its clock",
+                1e3 * later_s,
+                args.rig.display()
+            );
+        }
+    }
     let mut options = MotionOptions { markers: joined.markers, ..MotionOptions::default() };
     for Intrinsic(i) in &args.refine {
         options.intrinsics[*i] = true;
@@ -275,10 +287,12 @@ fn say_inconsistent(Inconsistent { name, median_px, delay }: &Inconsistent) {
     match delay {
         Some(delay) => println!(
             "{name} contradicts the others: {median_px:.2} px; its clock is wrong: its frames were exposed {:.2} ms {} \
-             than the others' of the same stamp ({:.2} px with that made good)",
+             than the others' of the same stamp ({:.2} px with that made good: mend the clock, or note \
+             clock_delay_ms = {:.2} with the camera in the rig file)",
             1e3 * delay.later_s.abs(),
             if delay.later_s > 0.0 { "later" } else { "earlier" },
             delay.median_px,
+            1e3 * delay.later_s,
         ),
         None => println!(
             "{name} contradicts the others: {median_px:.2} px; its intrinsics or its markers are wrong (no clock's error explains it)"

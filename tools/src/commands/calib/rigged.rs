@@ -13,6 +13,8 @@ use netcord_common::{
 pub struct CalibratedRig {
     /// Cameras in the file's order; `World` is the first camera's frame.
     pub cameras: Vec<TableCamera>,
+    /// How much later than stamped each camera's frames are exposed, s; 0 where the file says nothing.
+    pub later_s: Vec<f64>,
     /// The table, where the file has one.
     pub first_from_table: Option<Transform<World, Table>>,
     /// The ball's radius, m.
@@ -35,13 +37,14 @@ impl CalibratedRig {
                 camera_from_first: c.camera_from_world,
             })
             .collect::<Vec<_>>();
+        let later_s = rig.cameras.iter().map(|c| c.clock_delay.map_or(0.0, |d| d.delay_s)).collect();
         let first_from_table = (rig.world == WorldFrame::Table).then(|| {
             let (of_first, of_table) =
                 (&in_first.cameras[0].camera_from_world, &rig.cameras[0].camera_from_world);
             let both = &of_first.inverse() * of_table;
             Transform::new(both.rotation, both.translation)
         });
-        Ok(Self { cameras, first_from_table, ball_radius_m: rig.ball.radius_m() })
+        Ok(Self { cameras, later_s, first_from_table, ball_radius_m: rig.ball.radius_m() })
     }
 
     /// The place of the camera called `name`.

@@ -12,7 +12,7 @@ use netcord_calib::{
 };
 use netcord_common::{
     CameraName,
-    rig::{CalibrationNote, RigEdit},
+    rig::{CalibrationNote, ClockDelay, RigEdit},
 };
 
 /// Today, ISO 8601, UTC (days to civil date after Howard Hinnant).
@@ -81,6 +81,11 @@ pub fn rig(path: &Path, board: &str, rig: &RigCalibration) -> Result<(), Box<dyn
         // Fixed intrinsics keep the uncertainty that their own calibration noted.
         if c.covariance[(0, 0)] > 0.0 {
             edit.set_intrinsics(&name, &c.model, Some(&std::array::from_fn(sd)), Some(&note));
+        }
+        let clock = c.clock.as_ref().map(|k| ClockDelay { delay_s: k.later_s, sigma_s: k.sd_s });
+        // A board that stood still says nothing of clocks: what is known of them stays.
+        if clock.is_some() || rig.timed {
+            edit.set_clock_delay(&name, clock.as_ref());
         }
         let pose_sd = std::array::from_fn(|k| sd(9 + k));
         let pose = &c.camera_from_first;

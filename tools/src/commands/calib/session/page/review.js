@@ -86,6 +86,11 @@ function figures() {
   } else if (r.kind === "rig") {
     card("Poses", element("table", {}, ...r.order.map((n) => element("tr", {}, element("td", {}, n), element("td", {}, `${(1000 * Math.hypot(...r.cameras[n].T)).toFixed(1)} mm from ${r.order[0]}`)))));
   }
+  const clocks = (r.order || []).filter((n) => r.cameras[n].exposed_later_s).map((n) => {
+    const k = r.cameras[n].exposed_later_s;
+    return element("tr", {}, element("td", {}, n), element("td", {}, `${(1000 * Math.abs(k.value)).toFixed(1)} ms ${k.value > 0 ? "later" : "earlier"} than stamped`), element("td", { class: "sd" }, `± ${(1000 * k.sd).toFixed(1)}`));
+  });
+  if (clocks.length) card("Clocks that are off", element("table", {}, ...clocks));
   if (r.rejected.length) card("Views that contradict the others", ...r.rejected.map((v) => element("p", {}, `${v.view}: ${v.reason}`)));
   const digits = { f: 2, c: 2, k: 4, p: 5 };
   const names = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"];
