@@ -14,8 +14,10 @@ use super::{FrameRing, median, sum_bytes};
 pub struct KernelTimes {
     /// Reading a frame once.
     pub read_frame_us: f64,
-    /// Searching a whole frame.
+    /// From a frame to the detections of the whole of it.
     pub segment_full_us: f64,
+    /// … until the segmenter has learnt from it, too, and is ready for the next.
+    pub segment_all_us: f64,
     /// The median of the ratios of neighbours.
     pub segment_full_over_read: f64,
     /// From the frame to the detections of its search window; absent where no window held the ball.
@@ -38,7 +40,8 @@ pub fn measure_kernels(
 ) -> Result<KernelTimes, Box<dyn Error>> {
     let mut segmenter = Segmenter::new(rig, 0, SegmentOptions::default())?;
     let interval_ns = rig.interval_ns();
-    let (mut reads, mut searches, mut ratios, mut windows) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut reads, mut searches, mut alls) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut ratios, mut windows) = (Vec::new(), Vec::new());
     let total = LAPS * ring.len();
     for n in 0..total {
         progress(n as f64 / total as f64);
@@ -65,14 +68,17 @@ pub fn measure_kernels(
             ..SearchWindow::default()
         });
         let start = Instant::now();
-        let mut window_us = None;
+        let (mut window_us, mut search_us) = (None, 0.0);
         segmenter.process(&header, &view, window.as_ref(), &mut |message| {
+            let us = start.elapsed().as_secs_f64() * 1e6;
             if message.scope == Scope::Window.code() {
-                window_us = Some(start.elapsed().as_secs_f64() * 1e6);
+                window_us = Some(us);
+            } else {
+                search_us = us;
             }
             black_box(message);
         })?;
-        let search_us = start.elapsed().as_secs_f64() * 1e6;
+        let all_us = start.elapsed().as_secs_f64() * 1e6;
         if n < ring.len() {
             continue;
         }
@@ -80,6 +86,7 @@ pub fn measure_kernels(
         if window.is_none() {
             reads.push(read_us);
             searches.push(search_us);
+            alls.push(all_us);
             ratios.push(search_us / read_us);
         }
     }
@@ -87,6 +94,7 @@ pub fn measure_kernels(
     Ok(KernelTimes {
         read_frame_us: of(&reads)?,
         segment_full_us: of(&searches)?,
+        segment_all_us: of(&alls)?,
         segment_full_over_read: of(&ratios)?,
         segment_window_us: median(&windows),
     })

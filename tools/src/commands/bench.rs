@@ -5,6 +5,7 @@ use std::{fs, io::Write as _, path::PathBuf};
 use clap::ValueEnum;
 use netcord_capture::synthetic::scene::Preset;
 use netcord_common::{DomainName, Shutdown};
+use netcord_detect::triangulate::{CALIBRATION_SLACK_PX, Robust, comparison::seconds_per_point};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -43,9 +44,12 @@ pub struct Args {
 /// What can be measured by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// read_frame_us, segment_full_us, segment_full_over_read, segment_window_us
+    /// read_frame_us, segment_full_us (until the detections of the whole frame are there), segment_all_us (until
+    /// the frame has been learnt from, too), segment_full_over_read, segment_window_us
     Kernels,
-    /// triangulate_us.{2,8}
+    /// triangulate_us.{2,8}: a point by the method `robust`, from raw pixels, the fastest of 30
+    /// rounds over 256 points; triangulate_stage_us.{2,8}: all that
+    /// the stage does for one position
     Triangulate,
     /// predict_us.{p50,p99}: from a position to its trajectory and the next search windows
     Predict,
@@ -107,17 +111,22 @@ fn measure(
             vec![
                 ("read_frame_us", json!(times.read_frame_us)),
                 ("segment_full_us", json!(times.segment_full_us)),
+                ("segment_all_us", json!(times.segment_all_us)),
                 ("segment_full_over_read", json!(times.segment_full_over_read)),
                 ("segment_window_us", json!(times.segment_window_us)),
             ]
         }
         Part::Triangulate => {
-            let mut times = Map::new();
+            let (mut points, mut stages) = (Map::new(), Map::new());
             for cameras in [2, 8] {
                 progress.say(format!("triangulation with {cameras} cameras"));
-                times.insert(cameras.to_string(), json!(measure_triangulation(&example_rig(cameras)?)));
+                let rig = example_rig(cameras)?;
+                let robust = Robust::with_slack_px(CALIBRATION_SLACK_PX);
+                let point_us = 1e6 * seconds_per_point(&rig, &robust, 1);
+                points.insert(cameras.to_string(), json!(point_us));
+                stages.insert(cameras.to_string(), json!(measure_triangulation(&rig)));
             }
-            vec![("triangulate_us", Value::Object(times))]
+            vec![("triangulate_us", Value::Object(points)), ("triangulate_stage_us", Value::Object(stages))]
         }
         Part::Transport => {
             let times = measure_transport(&mut |share| progress.share("transport", share))?;
