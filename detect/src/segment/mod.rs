@@ -11,6 +11,7 @@ mod blur;
 mod candidate;
 mod colour;
 mod demosaic;
+mod describe;
 mod fit;
 mod foreground;
 mod grid;

@@ -17,13 +17,14 @@ use super::{
     candidate::{Start, centre_px, is_of_size, start},
     colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
-    fit::{OUTLINE, Prior},
+    describe::describe,
+    fit::Prior,
     foreground::Foreground,
     grid::Grid,
     kernel::Kernel,
     measure::{Behind, Measured, Scene},
     options::{InputMode, SegmentError, SegmentOptions},
-    patch::{Patch, Rectifier},
+    patch::Patch,
     rest::RestWatch,
     score::{LEAST_SCORE, SCORE_THRESHOLD, is_gone, score},
     sphere,
@@ -60,8 +61,8 @@ const OTHER_SCENE: f64 = 0.35;
 /// A blob of more cells than this that is no ball may have a ball in front of it.
 const CROWD_CELLS: u32 = 60;
 
-/// Error of the centre that no covariance of pixels knows of: the lens's blur, the pixels' fill, px².
-const FLOOR_PX2: f64 = 0.02 * 0.02;
+/// What is left of the score of something that stays where it is.
+const AT_REST_SHARE: f64 = 0.4;
 
 /// What a candidate is held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -493,7 +494,11 @@ impl Segmenter {
         }
         let likeness = self.colour.likeness(&self.light, measured.verdict.levels);
         let score = score(&measured, likeness);
-        let item = self.detection(&measured, score);
+        let mut item = describe(&self.camera, &measured, score);
+        if self.rest.is_at_rest([item.u_px, item.v_px], item.diameter_px) {
+            item.flags |= DetectionFlags::AT_REST;
+            item.score *= AT_REST_SHARE;
+        }
         Some(Found { item, measured, likeness })
     }
 
@@ -516,73 +521,6 @@ impl Segmenter {
             }
         } else if self.found.len() < self.found.capacity() {
             self.found.push(new);
-        }
-    }
-
-    fn detection(&self, measured: &Measured, score: f64) -> Detection {
-        let fit = &measured.fit;
-        let rectifier = &measured.place.rectifier;
-        let outline = rectifier.pixel(fit.sweep.centre.map(f64::from));
-        let radius = f64::from(fit.sweep.radius);
-        let path = rectifier.offset_px(fit.sweep.path().map(f64::from));
-        let moved = f64::from(fit.sweep.length) > 2.0 * fit.covariance[3][3].sqrt();
-
-        let mut flags = 0;
-        let mut centre = outline;
-        if let Some(angle) = measured.place.angle_per_px {
-            let subtended = (radius * angle).min(0.5);
-            if let Some([du, dv]) = sphere::outline_to_centre(&self.camera, outline, subtended) {
-                centre = [outline[0] + du, outline[1] + dv];
-                flags |= DetectionFlags::SPHERE_CORRECTED;
-            }
-        }
-        let half = rectifier.half_extent_px(radius);
-        let covariance = covariance_px(fit, rectifier);
-        let spread = [covariance[0].sqrt(), covariance[2].sqrt()];
-        let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
-        let edge = [self.camera.width, self.camera.height].map(|n| f64::from(n) - 0.5);
-        let mut cut = false;
-        for axis in 0..2 {
-            let reach = half[axis] + 0.5 * path[axis].abs();
-            cut |= outline[axis] - reach < -0.5 || outline[axis] + reach > edge[axis];
-            let reach = reach + 0.5 + 2.0 * spread[axis].min(2.0);
-            low[axis] = (outline[axis] - reach).max(-0.5);
-            high[axis] = (outline[axis] + reach).min(edge[axis]);
-        }
-        if cut {
-            flags |= DetectionFlags::CUT_BY_FRAME;
-        }
-        if measured.verdict.hidden > 0.12 {
-            flags |= DetectionFlags::OCCLUDED;
-        }
-        if measured.verdict.saturated {
-            flags |= DetectionFlags::SATURATED;
-        }
-        if moved {
-            flags |= DetectionFlags::BLUR_MEASURED;
-        }
-        let blur = if moved { positive(path) } else { [0.0; 2] };
-        let diameter = if moved { across(rectifier, path, radius) } else { 2.0 * radius };
-        let mut score = score;
-        if self.rest.is_at_rest(centre, diameter) {
-            flags |= DetectionFlags::AT_REST;
-            score *= 0.4;
-        }
-        Detection {
-            u_px: centre[0],
-            v_px: centre[1],
-            covariance_px2: covariance,
-            x0_px: low[0],
-            y0_px: low[1],
-            x1_px: high[0],
-            y1_px: high[1],
-            diameter_px: diameter,
-            area_px2: f64::from(fit.sweep.area()),
-            blur_u_px: blur[0],
-            blur_v_px: blur[1],
-            score: score.clamp(0.0, 1.0),
-            flags,
-            _reserved: 0,
         }
     }
 
@@ -659,35 +597,4 @@ fn same_place(a: &Detection, b: &Detection) -> bool {
     (a.u_px - b.u_px).hypot(a.v_px - b.v_px) < reach
         || covers(a, [b.u_px, b.v_px])
         || covers(b, [a.u_px, a.v_px])
-}
-
-/// The vector or its opposite, whichever begins with a positive number.
-fn positive([u, v]: [f64; 2]) -> [f64; 2] {
-    if u < 0.0 || (u == 0.0 && v < 0.0) { [-u, -v] } else { [u, v] }
-}
-
-/// The width across `path` of the image of a circle of `radius`.
-fn across(rectifier: &Rectifier, path: [f64; 2], radius: f64) -> f64 {
-    let norm = path[0].hypot(path[1]).max(1e-9);
-    let normal = [-path[1] / norm, path[0] / norm];
-    let [[a, b], [c, d]] = rectifier.backward();
-    2.0 * radius * (a * normal[0] + c * normal[1]).hypot(b * normal[0] + d * normal[1])
-}
-
-/// Covariance of the centre in pixels, from that along and across the path: uu, uv, vv.
-fn covariance_px(fit: &super::fit::Fit, rectifier: &Rectifier) -> [f64; 3] {
-    let (sin, cos) = f64::from(fit.sweep.angle).sin_cos();
-    let inflate = f64::from(fit.chi2.max(1.0));
-    let c: &[[f64; OUTLINE]; OUTLINE] = &fit.covariance;
-    let [[a, b], [d, e]] = rectifier.backward();
-    // Columns: the image of a unit step along, and across.
-    let along = [a * cos + b * sin, d * cos + e * sin];
-    let across = [-a * sin + b * cos, -d * sin + e * cos];
-    let element = |i: usize, j: usize| {
-        inflate
-            * (c[0][0] * along[i] * along[j]
-                + c[0][1] * (along[i] * across[j] + across[i] * along[j])
-                + c[1][1] * across[i] * across[j])
-    };
-    [element(0, 0) + FLOOR_PX2, element(0, 1), element(1, 1) + FLOOR_PX2]
 }
