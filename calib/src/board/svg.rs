@@ -9,14 +9,14 @@ pub fn to_svg(sheet: &Sheet) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}mm\" height=\"{h}mm\" viewBox=\"0 0 {w} {h}\">\n\
          <rect width=\"{w}\" height=\"{h}\" fill=\"white\"/>\n"
     );
-    for r in &sheet.rectangles {
-        let fill = if r.white { "white" } else { "black" };
-        // A String never refuses to be written to.
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{:.4}\" y=\"{:.4}\" width=\"{:.4}\" height=\"{:.4}\" fill=\"{fill}\"/>",
-            r.x, r.y, r.width, r.height
-        );
+    // Neighbours of one colour are one path: painted one by one, they would show hairlines between them.
+    for run in sheet.rectangles.chunk_by(|a, b| a.white == b.white) {
+        svg.push_str("<path d=\"");
+        for r in run {
+            // A String never refuses to be written to.
+            let _ = write!(svg, "M{:.4} {:.4}h{:.4}v{:.4}h-{2:.4}z", r.x, r.y, r.width, r.height);
+        }
+        let _ = writeln!(svg, "\" fill=\"{}\"/>", if run[0].white { "white" } else { "black" });
     }
     for t in &sheet.texts {
         let text = t.text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");

@@ -6,8 +6,8 @@ use netcord_calib::board::{CalibrationBoard, Sheet, to_pdf, to_svg};
 use plotters::{
     backend::BitMapBackend,
     drawing::IntoDrawingArea,
-    prelude::{BLACK, Rectangle, Text, WHITE},
-    style::{Color, IntoFont},
+    prelude::{BLACK, Text},
+    style::IntoFont,
 };
 
 use crate::{
@@ -19,11 +19,12 @@ use crate::{
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The board: chessboard:9x6:25mm (inner corners), aruco:5x7:DICT_5X5_250:40mm:10mm (marker, gap) or
-    /// charuco:11x8:DICT_5X5_250:30mm:22mm (square, marker); then :inverted, :legacy, :first=ID. A dictionary
-    /// may be a file such as ./own.yml.
+    /// charuco:11x8:DICT_5X5_250:30mm:22mm (square, marker); then :inverted, :legacy, :first=ID, or :double=4mm for
+    /// a plate so thick with markers on both sides. A dictionary may be a file such as ./own.yml.
     board: String,
 
-    /// The files to write: names ending in .svg, .pdf or .png.
+    /// The files to write: names ending in .svg, .pdf or .png. The back of a double board is the second page of a PDF,
+    /// and a file of its own (NAME-back) otherwise.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 
@@ -41,15 +42,36 @@ pub fn parse(spec: &str) -> Result<CalibrationBoard, Box<dyn Error>> {
 pub fn run(args: &Args) -> CommandResult {
     let board = parse(&args.board)?;
     for file in &args.files {
-        let sheet = Sheet::new(&board, &format!("netcord calib board {} {}", args.board, file.display()));
-        let bytes = match file.extension().and_then(|e| e.to_str()) {
-            Some("svg") => to_svg(&sheet).into_bytes(),
-            Some("pdf") => to_pdf(&sheet),
-            Some("png") => to_png(&sheet, args.dpi)?,
-            _ => return Err(format!("{} must end in .svg, .pdf or .png", file.display()).into()),
-        };
-        fs::write(file, bytes).map_err(|e| format!("cannot write {}: {e}", file.display()))?;
-        println!("{}: {} on {:.0} × {:.0} mm", file.display(), board, sheet.width_mm, sheet.height_mm);
+        let command = format!("netcord calib board {} {}", args.board, file.display());
+        let front = Sheet::new(&board, &command);
+        let back = board.back().map(|back| Sheet::new(&back, &format!("{command}: the back")));
+        let kind = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_owned();
+        let mut sheets: Vec<(PathBuf, Vec<Sheet>)> = vec![(file.clone(), vec![front])];
+        match back {
+            Some(back) if kind == "pdf" => sheets[0].1.push(back),
+            Some(back) => {
+                let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+                sheets.push((file.with_file_name(format!("{stem}-back.{kind}")), vec![back]));
+            }
+            None => {}
+        }
+        for (file, sheets) in sheets {
+            let bytes = match kind.as_str() {
+                "svg" => to_svg(&sheets[0]).into_bytes(),
+                "pdf" => to_pdf(&sheets),
+                "png" => to_png(&sheets[0], args.dpi)?,
+                _ => return Err(format!("{} must end in .svg, .pdf or .png", file.display()).into()),
+            };
+            fs::write(&file, bytes).map_err(|e| format!("cannot write {}: {e}", file.display()))?;
+            let (sheet, pages) = (&sheets[0], if sheets.len() > 1 { ", front and back" } else { "" });
+            println!(
+                "{}: {} on {:.0} × {:.0} mm{pages}",
+                file.display(),
+                board,
+                sheet.width_mm,
+                sheet.height_mm
+            );
+        }
     }
     Ok(Outcome::Good)
 }
@@ -67,17 +89,23 @@ fn to_png(sheet: &Sheet, dpi: u32) -> Result<Vec<u8>, Box<dyn Error>> {
     }
     let size = (width as u32, height as u32);
     let mut pixels = vec![255u8; size.0 as usize * size.1 as usize * 3];
+    let px = |mm: f64| (mm * scale).round() as i32;
+    // Rectangles by hand: whoever rounds other than half-open leaves seams between cells, which detectors trip over.
+    for r in &sheet.rectangles {
+        let span = |from: f64, length: f64, size: u32| {
+            // A line thinner than a pixel is still one pixel wide.
+            let (first, last) = (px(from).max(0), px(from + length).max(px(from) + 1).min(size as i32));
+            first as usize..last.max(first) as usize
+        };
+        let columns = span(r.x, r.width, size.0);
+        for row in span(r.y, r.height, size.1) {
+            let row = row * size.0 as usize * 3;
+            pixels[row + 3 * columns.start..row + 3 * columns.end].fill(if r.white { 255 } else { 0 });
+        }
+    }
     plot::register_fonts();
     {
         let area = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
-        let px = |mm: f64| (mm * scale).round() as i32;
-        for r in &sheet.rectangles {
-            let corners = [(px(r.x), px(r.y)), (px(r.x + r.width) - 1, px(r.y + r.height) - 1)];
-            // A line thinner than a pixel is still one pixel wide.
-            let corners = [corners[0], (corners[1].0.max(corners[0].0), corners[1].1.max(corners[0].1))];
-            area.draw(&Rectangle::new(corners, if r.white { WHITE.filled() } else { BLACK.filled() }))
-                .map_err(|e| e.to_string())?;
-        }
         for t in &sheet.texts {
             let font = (plot::FONT, t.size * scale).into_font().color(&BLACK);
             area.draw(&Text::new(t.text.clone(), (px(t.x), px(t.y - t.size)), font))
