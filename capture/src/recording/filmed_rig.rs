@@ -154,6 +154,7 @@ impl Footage {
             clock_delay: None,
             model,
             intrinsics_sigma: None,
+            ball: None,
             camera_from_world,
         })
     }

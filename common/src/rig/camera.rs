@@ -1,6 +1,6 @@
 use serde::Deserialize;
 
-use super::Wiring;
+use super::{LearntColour, Wiring};
 use crate::{
     camera::{CameraModel, INTRINSICS},
     geometry::{Camera, Transform, World},
@@ -95,6 +95,8 @@ pub struct RigCamera {
     pub model: CameraModel,
     /// Standard deviations of the intrinsics, where calibration gave them.
     pub intrinsics_sigma: Option<IntrinsicsSigma>,
+    /// The ball's colour as this camera sees it, where it was learnt; else [`super::Ball::colour`] counts.
+    pub ball: Option<LearntColour>,
     /// Pose in the world frame.
     pub camera_from_world: Transform<Camera, World>,
 }

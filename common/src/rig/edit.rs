@@ -8,7 +8,7 @@ use std::{
 use nalgebra::{Matrix3, Vector3};
 use toml_edit::{Array, DocumentMut, InlineTable, Item, Table, Value, value};
 
-use super::{ClockDelay, IntrinsicsSigma, Rig, RigError};
+use super::{ClockDelay, ColourKind, IntrinsicsSigma, LearningNote, LearntColour, Rig, RigError};
 use crate::{
     camera::{CameraModel, Distortion},
     geometry::{Camera, Transform, World},
@@ -224,6 +224,39 @@ impl RigEdit {
         camera.and_then(|c| number(c.get("clock_delay_ms")?.as_value()?)).map_or(0.0, |ms| ms * 1e-3)
     }
 
+    /// Sets the ball's colour as a camera sees it.
+    pub fn set_ball(&mut self, name: &CameraName, colour: &LearntColour, note: &LearningNote) {
+        let mut table = Table::new();
+        table["from"] = value(match colour.kind {
+            ColourKind::Mosaic => "mosaic",
+            ColourKind::Grey => "grey",
+        });
+        let mut tests = Array::new();
+        for test in colour.tests() {
+            let [r, g, b] = test.weights;
+            let mut row = Value::Array([r, g, b, test.bound].into_iter().collect::<Array>());
+            row.decor_mut().set_prefix("\n    ");
+            tests.push_formatted(row);
+        }
+        tests.set_trailing("\n");
+        table["tests"] = Item::Value(Value::Array(tests));
+        table["mean"] = numbers(&colour.mean);
+        table["covariance"] = numbers(&colour.covariance);
+        table["diameter_px"] = numbers(&colour.diameter_px);
+        let mut learnt = InlineTable::new();
+        learnt.insert("date", note.date.as_str().into());
+        for (key, count) in [("frames", note.frames), ("balls", note.balls)] {
+            learnt.insert(key, i64::try_from(count).unwrap_or(i64::MAX).into());
+        }
+        for (key, share) in [("kept", note.kept), ("let_through", note.let_through)] {
+            if let Some(share) = share {
+                learnt.insert(key, share.into());
+            }
+        }
+        table["learnt"] = Item::Value(Value::InlineTable(learnt));
+        self.camera(name)["ball"] = Item::Table(table);
+    }
+
     /// Sets the table's pose: `first_from_table`, R and t in metres.
     pub fn set_table(
         &mut self,
@@ -322,6 +355,7 @@ fn pose_table(
 
 #[cfg(test)]
 mod tests {
+    use super::super::ColourTest;
     use super::*;
 
     #[test]
@@ -352,9 +386,20 @@ mod tests {
         let clock = ClockDelay { delay_s: -0.117, sigma_s: 0.0125 };
         edit.set_clock_delay(&name, Some(&clock));
         assert!((edit.clock_delay_s("left") + 0.117).abs() < 1e-9 && edit.clock_delay_s("right") == 0.0);
+        let tests = [([1.0, -0.5, 0.25], 3.5), ([0.1, 0.2, 0.7], -20.0)]
+            .map(|(weights, bound)| ColourTest { weights, bound });
+        let statistics = ([0.1, -0.4, 5.0], [0.04, 0.01, 0.0, 0.05, 0.0, 0.2]);
+        let ball = LearntColour::new(ColourKind::Mosaic, &tests, statistics, [12.5, 31.0]);
+        let learning =
+            LearningNote { date: "2026-11-22".into(), frames: 9, kept: Some(0.97), ..Default::default() };
+        edit.set_ball(&name, &ball, &learning);
         edit.save().expect("written");
 
         let rig = Rig::load(&path).expect("complete now");
+        assert_eq!(rig.cameras[0].ball, Some(ball));
+        let grey = fs::read_to_string(&path).expect("there").replace("BayerRG8", "Mono8");
+        let refused = Rig::parse(&grey, &path).expect_err("learnt from colours").to_string();
+        assert!(refused.contains("learnt from colour frames") && refused.contains("Mono8"), "{refused}");
         assert_eq!(rig.cameras[0].model, model);
         let read = rig.cameras[0].clock_delay.expect("noted");
         assert!((read.delay_s + 0.117).abs() < 1e-9 && (read.sigma_s - 0.0125).abs() < 1e-9, "{read:?}");

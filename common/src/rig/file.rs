@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::{BallColour, Restart, StampMeaning, TriggerEdge, TriggerRole};
+use super::{BallColour, ColourKind, Restart, StampMeaning, TriggerEdge, TriggerRole};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -76,6 +76,7 @@ pub(super) struct CameraTable {
     pub(super) clock_delay_sigma_ms: Option<Spanned<f64>>,
     pub(super) intrinsics: Option<Spanned<IntrinsicsTable>>,
     pub(super) pose: Option<PoseTable>,
+    pub(super) ball: Option<Spanned<LearntTable>>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -91,6 +92,37 @@ pub(super) struct IntrinsicsTable {
     pub(super) sigma: Option<[f64; 9]>,
     #[serde(rename = "calibrated")]
     pub(super) _calibrated: Option<NoteTable>,
+}
+
+/// The ball's colour in one camera.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LearntTable {
+    pub(super) from: ColourKind,
+    /// r, g, b, bound.
+    pub(super) tests: Spanned<Vec<[f64; 4]>>,
+    pub(super) mean: [f64; 3],
+    /// Upper triangle, row by row.
+    pub(super) covariance: Spanned<[f64; 6]>,
+    pub(super) diameter_px: Spanned<[f64; 2]>,
+    #[serde(rename = "learnt")]
+    pub(super) _learnt: Option<LearningTable>,
+}
+
+/// What learning notes beside its result, for people.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LearningTable {
+    #[serde(rename = "date")]
+    pub(super) _date: Option<String>,
+    #[serde(rename = "frames")]
+    pub(super) _frames: Option<u64>,
+    #[serde(rename = "balls")]
+    pub(super) _balls: Option<u64>,
+    #[serde(rename = "kept")]
+    pub(super) _kept: Option<f64>,
+    #[serde(rename = "let_through")]
+    pub(super) _let_through: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]

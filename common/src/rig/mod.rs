@@ -11,6 +11,7 @@ mod error;
 pub mod exchange;
 mod file;
 mod flight;
+mod learnt;
 mod process;
 mod resolve;
 mod wiring;
@@ -20,6 +21,7 @@ pub use camera::{CameraIndex, ClockDelay, IntrinsicsSigma, RigCamera, TriggerRol
 pub use edit::{CalibrationNote, RigEdit};
 pub use error::RigError;
 pub use flight::{FlightConstants, HittingPlane};
+pub use learnt::{ColourKind, ColourTest, LearningNote, LearntColour, MAX_COLOUR_TESTS};
 pub use process::{ProcessSpec, Restart};
 pub use resolve::Rig;
 pub use wiring::{StampMeaning, TriggerEdge, Wiring};

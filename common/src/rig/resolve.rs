@@ -4,8 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 use toml::Spanned;
 
 use super::{
-    Ball, CameraIndex, ClockDelay, FlightConstants, HittingPlane, ProcessSpec, RigCamera, RigError, Wiring,
-    file::{CameraTable, FlightTable, PoseTable, ProcessTable, RigFile},
+    Ball, CameraIndex, ClockDelay, ColourKind, ColourTest, FlightConstants, HittingPlane, LearntColour,
+    MAX_COLOUR_TESTS, ProcessSpec, RigCamera, RigError, Wiring,
+    file::{CameraTable, FlightTable, LearntTable, PoseTable, ProcessTable, RigFile},
 };
 use crate::{
     camera::{CameraModel, Distortion},
@@ -253,9 +254,60 @@ impl Source<'_> {
             clock_delay,
             model,
             intrinsics_sigma: k.sigma,
+            ball: table.ball.as_ref().map(|ball| self.learnt(&name, pixel_format, ball)).transpose()?,
             camera_from_world: &camera_from_first * first_from_world,
             name,
         })
+    }
+
+    /// The colour that a camera was taught; the mosaic must be of the kind that it was learnt from.
+    fn learnt(
+        &self,
+        name: &CameraName,
+        pixel_format: PixelFormat,
+        spanned: &Spanned<LearntTable>,
+    ) -> Result<LearntColour, RigError> {
+        let table = spanned.get_ref();
+        let wrong = |span, what: String| Err(self.error(span, format!("camera {name}: ball: {what}")));
+        let kind = if pixel_format == PixelFormat::Mono8 { ColourKind::Grey } else { ColourKind::Mosaic };
+        if table.from != kind {
+            return wrong(
+                spanned.span(),
+                format!(
+                    "the colour was learnt from {} frames, but the camera's are {pixel_format}; run `netcord \
+                     segment --learn` again, or remove [camera.ball]",
+                    if kind == ColourKind::Grey { "colour" } else { "grey" }
+                ),
+            );
+        }
+        let tests = table.tests.get_ref();
+        if tests.is_empty()
+            || tests.len() > MAX_COLOUR_TESTS
+            || tests.iter().flatten().any(|x| !x.is_finite())
+        {
+            return wrong(
+                table.tests.span(),
+                format!("tests must be 1 to {MAX_COLOUR_TESTS} lists of four numbers: r, g, b, bound"),
+            );
+        }
+        let [a, b, c, d, e, f] = *table.covariance.get_ref();
+        let covariance = Matrix3::new(a, b, c, b, d, e, c, e, f);
+        if covariance.cholesky().is_none() || table.mean.iter().any(|x| !x.is_finite()) {
+            let what =
+                "covariance (11, 12, 13, 22, 23, 33) must be positive definite, and mean finite".to_owned();
+            return wrong(table.covariance.span(), what);
+        }
+        let [least, most] = *table.diameter_px.get_ref();
+        if !(least > 0.0 && least <= most && most.is_finite()) {
+            let what =
+                format!("diameter_px is [{least}, {most}]; it must be [smallest, largest], above zero");
+            return wrong(table.diameter_px.span(), what);
+        }
+        let tests = tests
+            .iter()
+            .map(|[r, g, b, bound]| ColourTest { weights: [*r, *g, *b], bound: *bound })
+            .collect::<Vec<_>>();
+        Ok(LearntColour::new(kind, &tests, (table.mean, *table.covariance.get_ref()), [least, most]))
     }
 
     fn pose<To: ReferenceFrame, From: ReferenceFrame>(

@@ -75,6 +75,11 @@ impl BlobFinder {
         }
     }
 
+    /// With room for nothing: what stands in the place of one that is lent.
+    pub const fn empty() -> Self {
+        Self { runs: Vec::new(), blobs: Vec::new(), place: Vec::new(), overflow: false }
+    }
+
     /// The blobs of the last search.
     pub fn blobs(&self) -> &[Blob] {
         &self.blobs

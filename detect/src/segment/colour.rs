@@ -1,6 +1,11 @@
 //! What colour the ball may have, in the light of the scene.
 
-use netcord_common::{FrameView, PixelFormat, rig::BallColour};
+use netcord_common::{
+    FrameView, PixelFormat,
+    rig::{BallColour, LearntColour},
+};
+
+use nalgebra::{Matrix3, Vector3};
 
 use super::kernel::ColourGate;
 
@@ -107,11 +112,49 @@ const ORANGE: BallModel = BallModel { mean: [0.6, -0.95], spread: 0.45, level: N
 /// White throws back all alike.
 const WHITE: BallModel = BallModel { mean: [0.0, 0.0], spread: 0.22, level: None };
 
+/// A colour that was learnt from marked frames of the camera itself, and so in its own light.
+#[derive(Debug, Clone, Copy)]
+struct Marked {
+    gate: ColourGate,
+    /// See [`place_of`].
+    mean: Vector3<f32>,
+    /// Inverse of the covariance.
+    weight: Matrix3<f32>,
+    diameter_px: [f32; 2],
+}
+
+impl Marked {
+    fn new(format: PixelFormat, colour: &LearntColour) -> Self {
+        let [a, b, c, d, e, f] = colour.covariance.map(|x| x as f32);
+        let covariance = Matrix3::new(a, b, c, b, d, e, c, e, f);
+        Self {
+            gate: ColourGate::learnt(format, colour.tests()),
+            mean: Vector3::from(colour.mean.map(|x| x as f32)),
+            // The rig file's is positive definite.
+            weight: covariance.try_inverse().unwrap_or_else(Matrix3::identity),
+            diameter_px: colour.diameter_px.map(|x| x as f32),
+        }
+    }
+
+    /// As [`ColourModel::likeness`].
+    fn likeness(&self, rgb: [f32; 3]) -> f32 {
+        let away = Vector3::from(place_of(rgb)) - self.mean;
+        let square = away.dot(&(self.weight * away));
+        // Tails of a Cauchy again; three degrees of freedom.
+        1.0 / (1.0 + (square / LIKELY_SQUARE).powi(2))
+    }
+}
+
+/// Square distance from a learnt colour's mean, in units of its covariance, at which the likeness is a half: one ball
+/// in a thousand is farther away.
+const LIKELY_SQUARE: f32 = 16.3;
+
 /// The colours that are looked for.
 #[derive(Debug, Clone)]
 pub struct ColourModel {
     format: PixelFormat,
     told: &'static [BallModel],
+    marked: Option<Marked>,
     learnt: Option<(BallModel, u32)>,
 }
 
@@ -119,20 +162,21 @@ pub struct ColourModel {
 pub const MAX_MODELS: usize = 4;
 
 impl ColourModel {
-    /// What a rig file tells.
-    pub const fn new(format: PixelFormat, told: BallColour) -> Self {
+    /// What a rig file tells; a colour that was learnt there goes before one that is told.
+    pub fn new(format: PixelFormat, told: BallColour, marked: Option<&LearntColour>) -> Self {
         let told: &[BallModel] = match told {
             BallColour::Orange => &[ORANGE],
             BallColour::White => &[WHITE],
             BallColour::Auto => &[ORANGE, WHITE],
         };
-        Self { format, told, learnt: None }
+        Self { format, told, marked: marked.map(|colour| Marked::new(format, colour)), learnt: None }
     }
 
     /// The models to try in a light: what was learnt, or else what was told, as each witness sees it.
     fn models(&self, grey: [[f32; 2]; 2]) -> impl Iterator<Item = BallModel> + '_ {
+        let told = if self.marked.is_some() { &[] } else { self.told };
         let learnt = self.learnt.filter(|(_, n)| *n >= CONFIDENT).map(|(model, _)| model);
-        let told = self.told.iter().flat_map(move |model| grey.map(|grey| model.in_light(grey)));
+        let told = told.iter().flat_map(move |model| grey.map(|grey| model.in_light(grey)));
         learnt.into_iter().chain(told.filter(move |_| learnt.is_none()))
     }
 
@@ -141,7 +185,8 @@ impl ColourModel {
     pub fn gates(&self, light: &SceneLight, in_a_crowd: bool) -> impl Iterator<Item = ColourGate> + '_ {
         let light = *light;
         let format = self.format;
-        self.models(light.grey).map(move |model| {
+        let marked = self.marked.iter().map(|marked| marked.gate);
+        let told = self.models(light.grey).map(move |model| {
             // Half of the hue that sets an orange ball apart from grey must be there.
             let tolerance = (if in_a_crowd { 1.6 } else { 2.2 } * model.spread).min(0.5);
             let ratio = |i: usize, sign: f32| (model.mean[i] + sign * tolerance).exp();
@@ -164,11 +209,20 @@ impl ColourModel {
                     ([1.0, 0.5, 0.0], least * (model.mean[0].exp() + 1.0)),
                 ],
             )
-        })
+        });
+        marked.chain(told)
+    }
+
+    /// Diameters of the smallest and the largest ball that was marked, px; none where no colour was learnt.
+    pub fn diameter_px(&self) -> Option<[f32; 2]> {
+        self.marked.map(|marked| marked.diameter_px)
     }
 
     /// How well levels R, G, B fit the ball, 0–1: the density of the nearest model, 1 at its mean.
     pub fn likeness(&self, light: &SceneLight, rgb: [f32; 3]) -> f32 {
+        if let Some(marked) = &self.marked {
+            return marked.likeness(rgb);
+        }
         if self.format == PixelFormat::Mono8 {
             return 1.0;
         }
@@ -184,6 +238,9 @@ impl ColourModel {
 
     /// Takes note of a ball that was certain by its shape.
     pub fn learn(&mut self, rgb: [f32; 3]) {
+        if self.marked.is_some() {
+            return;
+        }
         let place = place(rgb);
         let (mut model, n) = self.learnt.unwrap_or((BallModel { mean: place, spread: 0.2, level: None }, 0));
         let share = (1.0 / (n + 1) as f32).max(0.02);
@@ -199,7 +256,13 @@ impl ColourModel {
 /// Detections from which on what was learnt replaces what was told.
 const CONFIDENT: u32 = 12;
 
-fn place([r, g, b]: [f32; 3]) -> [f32; 2] {
-    let ln = |x: f32| ((x.max(0.0) + 1.0) / (g.max(0.0) + 1.0)).ln();
-    [ln(r), ln(b)]
+fn place(rgb: [f32; 3]) -> [f32; 2] {
+    let [red, blue, _] = place_of(rgb);
+    [red, blue]
+}
+
+/// Where levels R, G, B lie: ln ((R + 1) / (G + 1)), ln ((B + 1) / (G + 1)) and ln (G + 1).
+pub fn place_of(rgb: [f32; 3]) -> [f32; 3] {
+    let [r, g, b] = rgb.map(|x| (x.max(0.0) + 1.0).ln());
+    [r - g, b - g, g]
 }

@@ -17,16 +17,19 @@ mod foreground;
 mod grid;
 pub mod kernel;
 mod lanes;
+pub mod learn;
 pub mod live;
 mod measure;
 mod noise;
 mod options;
+mod outline;
 mod patch;
 mod rest;
 #[cfg(test)]
 mod scene;
 mod score;
 mod segmenter;
+mod singles;
 mod sphere;
 mod sweep;
 #[cfg(test)]

@@ -24,9 +24,11 @@ use super::{
     kernel::Kernel,
     measure::{Behind, Measured, Scene},
     options::{InputMode, SegmentError, SegmentOptions},
+    outline::Outline,
     patch::Patch,
     rest::RestWatch,
-    score::{LEAST_SCORE, SCORE_THRESHOLD, is_gone, score},
+    score::{LEAST_SCORE, SCORE_THRESHOLD, is_gone, score, single_score},
+    singles::SingleFinder,
     sphere,
     sweep::{MIN_LENGTH_PX, Sweep},
 };
@@ -40,6 +42,8 @@ const MAX_UNLIKELY: usize = 3;
 const FEW_FRAMES: u32 = 3;
 /// Fits per frame where nothing is known of the background.
 const MAX_FITS_ALONE: usize = 16;
+/// Fits in a frame that stands for itself: pictures in no order leave time.
+const MAX_FITS_SINGLE: usize = 100;
 /// Fits of each colour among what moves, and the least rank that is worth one there.
 const MAX_FITS_IN_CROWD: usize = 3;
 const LIKELY_IN_CROWD: f32 = 0.15;
@@ -103,6 +107,9 @@ pub struct Segmenter {
     foreground: Foreground,
     coloured: Vec<u16>,
     finder: BlobFinder,
+    singles: Option<SingleFinder>,
+    /// Of a frame that stands for itself: variance of its noise, DN² and DN² per DN.
+    frame_noise: Option<[f32; 2]>,
     starts: Vec<Start>,
     patch: Patch,
     found: Vec<Found>,
@@ -138,7 +145,13 @@ impl Segmenter {
             WorldFrame::FirstCamera => -Vector3::y(),
         };
         let told = options.colour.unwrap_or(rig.ball.colour);
+        // What an option tells goes before what was learnt.
+        let marked = camera.ball.as_ref().filter(|_| options.colour.is_none());
         let format = if demosaic.is_some() { PixelFormat::BayerRG8 } else { camera.pixel_format };
+        let singles = options.single_frames.then(|| {
+            let shape = (foreground.words().len(), foreground.words_per_row());
+            SingleFinder::new(kernel, format, shape)
+        });
         Ok(Self {
             name: camera.name.to_string(),
             index: camera.index.code(),
@@ -151,10 +164,12 @@ impl Segmenter {
             background,
             started: false,
             light: SceneLight::default(),
-            colour: ColourModel::new(format, told),
+            colour: ColourModel::new(format, told, marked),
             coloured: vec![0; foreground.words().len()],
             foreground,
             finder: BlobFinder::new(),
+            singles,
+            frame_noise: None,
             starts: Vec::with_capacity(super::blobs::MAX_BLOBS),
             patch: Patch::new(),
             found: Vec::with_capacity(MAX_FITS + MAX_FITS_ALONE),
@@ -316,34 +331,76 @@ impl Segmenter {
 
     /// Looks for what moves, in the whole frame; `expected`: the ball has been found where it was expected.
     fn search_frame(&mut self, view: &FrameView<'_>, expected: bool) {
+        if let Some(mut singles) = self.singles.take() {
+            self.search_single(view, &mut singles);
+            self.singles = Some(singles);
+            return;
+        }
         let height = view.height() & !1;
         let known = self.background.is_known();
-        if self.background.frames() > 1 || !self.options.single_frames {
-            self.foreground.mark(view, &self.background);
-            self.finder.find(self.foreground.words(), self.foreground.words_per_row(), 0..height / 2);
-            let marked = self.finder.blobs().iter().map(|b| u64::from(b.cells)).sum::<u64>();
-            let cells = (view.width() / 2 * (height / 2)) as f64;
-            if known && (self.finder.overflowed() || marked as f64 > OTHER_SCENE * cells) {
-                self.background.start_over(view);
-                self.light = SceneLight::of(view);
-                self.rest.clear();
-                self.search_by_colour(view, None, &Prior::default());
-                return;
-            }
-            self.starts.clear();
-            self.collect_starts(view);
-            if expected {
-                let prior = Prior::default();
-                self.measure_starts(view, Backdrop::Learnt, &prior, MAX_FITS_BESIDE, LIKELY_BESIDE);
-                return;
-            }
-            self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
+        self.foreground.mark(view, &self.background);
+        self.finder.find(self.foreground.words(), self.foreground.words_per_row(), 0..height / 2);
+        let marked = self.finder.blobs().iter().map(|b| u64::from(b.cells)).sum::<u64>();
+        let cells = (view.width() / 2 * (height / 2)) as f64;
+        if known && (self.finder.overflowed() || marked as f64 > OTHER_SCENE * cells) {
+            self.background.start_over(view);
+            self.light = SceneLight::of(view);
+            self.rest.clear();
+            self.search_by_colour(view, None, &Prior::default());
+            return;
         }
+        self.starts.clear();
+        self.collect_starts(view);
+        if expected {
+            let prior = Prior::default();
+            self.measure_starts(view, Backdrop::Learnt, &prior, MAX_FITS_BESIDE, LIKELY_BESIDE);
+            return;
+        }
+        self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         if !known {
             self.search_by_colour(view, None, &Prior::default());
         } else if self.crowded() {
             self.search_by_colour(view, Some((0..view.width(), 0..height)), &Prior::default());
         }
+    }
+
+    /// Looks for the ball in a frame that stands for itself.
+    fn search_single(&mut self, view: &FrameView<'_>, singles: &mut SingleFinder) {
+        singles.clear();
+        self.frame_noise = Some(SingleFinder::noise(view));
+        let (gates, count) = self.gates(false);
+        for gate in &gates[..count] {
+            let mut finder = std::mem::replace(&mut self.finder, BlobFinder::empty());
+            let mut words = std::mem::take(&mut self.coloured);
+            singles.search(view, gate, (&mut words, &mut finder), |blob| {
+                self.start_of(view, blob, centre_px(blob).map(|c| self.grid.frame_px(c)))
+            });
+            (self.finder, self.coloured) = (finder, words);
+        }
+        self.starts.clear();
+        self.starts.extend(singles.sorted().iter().map(|single| single.start).take(MAX_FITS_SINGLE));
+        for i in 0..self.starts.len() {
+            let start = self.starts[i];
+            let certain = |f: &Found| f.item.score > SCORE_THRESHOLD;
+            if self.found.iter().any(|f| certain(f) && covers(&f.item, start.place.rectifier.anchor)) {
+                continue;
+            }
+            let found = self.measure(view, &start, Backdrop::Around, &Prior::default());
+            if let Some(found) = found.filter(|f| f.item.score >= LEAST_SCORE) {
+                self.add(found);
+            }
+        }
+    }
+
+    /// Gates for the ball's colours, and how many of them count.
+    fn gates(&self, in_a_crowd: bool) -> ([super::kernel::ColourGate; MAX_MODELS], usize) {
+        let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
+        let mut count = 0;
+        for gate in self.colour.gates(&self.light, in_a_crowd).take(MAX_MODELS) {
+            gates[count] = gate;
+            count += 1;
+        }
+        (gates, count)
     }
 
     /// Whether something large, or something that was no ball, moves.
@@ -364,12 +421,7 @@ impl Segmenter {
     ) {
         let everywhere = among.is_none();
         let (columns, rows) = among.unwrap_or((0..view.width(), 0..view.height() & !1));
-        let mut gates = [super::kernel::ColourGate::OPEN; MAX_MODELS];
-        let mut count = 0;
-        for gate in self.colour.gates(&self.light, !everywhere).take(MAX_MODELS) {
-            gates[count] = gate;
-            count += 1;
-        }
+        let (gates, count) = self.gates(!everywhere);
         for gate in &gates[..count] {
             self.foreground.pass(view, gate, (&columns, &rows), everywhere, &mut self.coloured);
             self.finder.find(&self.coloured, self.foreground.words_per_row(), rows.start / 2..rows.end / 2);
@@ -493,7 +545,15 @@ impl Segmenter {
             return None;
         }
         let likeness = self.colour.likeness(&self.light, measured.verdict.levels);
-        let score = score(&measured, likeness);
+        let score = match self.frame_noise {
+            Some(noise) => {
+                let light = measured.place.light(&measured.light);
+                let rectifier = &measured.place.rectifier;
+                let outline = Outline::look(view, self.grid, rectifier, &measured.fit, &light, noise)?;
+                single_score(&measured, &outline, likeness, self.colour.diameter_px())
+            }
+            None => score(&measured, likeness),
+        };
         let mut item = describe(&self.camera, &measured, score);
         if self.rest.is_at_rest([item.u_px, item.v_px], item.diameter_px) {
             item.flags |= DetectionFlags::AT_REST;

@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> CommandResult {
     if !(args.rate.is_finite() && args.rate > 0.0) {
         return Err(format!("--rate is {}; it must be above zero", args.rate).into());
     }
-    let cameras = cameras(&args.images, &args.camera)?;
+    let cameras = pictures_by_camera(&args.images, &args.camera)?;
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
     write(args, rig.as_ref(), &cameras).inspect_err(|_| {
         // What there is of it is no recording of these pictures. Where it cannot be removed, the error says enough.
@@ -134,7 +134,8 @@ fn stand(
     Ok(())
 }
 
-fn cameras(
+/// The pictures of a folder, by camera: of `single` one, or of each folder inside.
+pub(super) fn pictures_by_camera(
     folder: &Path,
     single: &CameraName,
 ) -> Result<Vec<(CameraName, Vec<PathBuf>)>, Box<dyn std::error::Error>> {
@@ -173,7 +174,7 @@ fn sorted(folder: &Path) -> Result<Vec<PathBuf>, String> {
 }
 
 /// What a sensor behind the mosaic would have seen of the picture.
-fn mosaic(picture: &Picture, format: PixelFormat) -> Vec<u8> {
+pub(super) fn mosaic(picture: &Picture, format: PixelFormat) -> Vec<u8> {
     let value = |x, y| {
         let pixel = picture.pixel(x, y);
         match format.channel_at(x, y) {

@@ -1,4 +1,4 @@
-use netcord_common::PixelFormat;
+use netcord_common::{PixelFormat, rig::ColourTest};
 
 /// Linear tests of one gate.
 pub const GATE_TESTS: usize = 6;
@@ -45,6 +45,15 @@ impl ColourGate {
             gate.bounds[i] = (bound * scale).round().clamp(-32_000.0, 32_000.0) as i16;
         }
         gate
+    }
+
+    /// A gate from tests of the mean levels of red, green and blue, as learning finds them.
+    pub fn learnt(format: PixelFormat, tests: &[ColourTest]) -> Self {
+        let mut all = [([0.0; 3], -1.0); GATE_TESTS];
+        for (test, ColourTest { weights: [r, g, b], bound }) in all.iter_mut().zip(tests) {
+            *test = ([*r as f32, 0.5 * *g as f32, *b as f32], *bound as f32);
+        }
+        Self::new(format, &all[..tests.len().min(GATE_TESTS)])
     }
 
     /// Whether a cell of these four levels passes.

@@ -17,6 +17,7 @@ mod tracks;
 
 use clap::Subcommand;
 
+pub use self::save::today;
 use crate::exit::CommandResult;
 
 /// Arguments of `netcord calib`.

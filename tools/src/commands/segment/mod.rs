@@ -1,5 +1,7 @@
 //! `netcord segment`: from frames to candidates for the ball, live.
 
+mod learn;
+
 use std::time::Duration;
 
 use netcord_common::rig::BallColour;
@@ -12,7 +14,7 @@ use super::CameraArgs;
 use crate::{exit::CommandResult, stage};
 
 /// Searches the frames of all cameras, a thread each (or of one camera, a process each), for what may be the
-/// ball, and publishes up to 16 candidates a frame on camera/<name>/detections.
+/// ball, and publishes up to 16 candidates a frame on camera/<name>/detections. With --learn: learns the ball's colour.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -25,12 +27,16 @@ pub struct Args {
 
     #[command(flatten)]
     options: OptionArgs,
+
+    #[command(flatten)]
+    learn: learn::LearnArgs,
 }
 
 /// What to look for: shared with `netcord process`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct OptionArgs {
-    /// The ball's colour, in place of the rig file's: orange, white or auto (both are tried).
+    /// The ball's colour, in place of the rig file's, what was learnt included: orange, white or auto (both are
+    /// tried).
     #[arg(long, value_name = "COLOUR")]
     ball: Option<BallColour>,
 
@@ -52,6 +58,9 @@ impl OptionArgs {
 
 /// Runs `netcord segment`.
 pub fn run(args: &Args) -> CommandResult {
+    if let Some(input) = &args.learn.learn {
+        return learn::run(&args.learn, input, &args.of.rig.rig, args.of.camera.as_ref());
+    }
     let options = LiveOptions {
         segment: args.options.options(),
         camera: args.of.camera.clone(),
