@@ -61,7 +61,8 @@ pub fn single_score(
     if let Some([least, most]) = diameter_px {
         // Balls come nearer and go farther than where a few were marked.
         let beyond = (least / diameter).max(diameter / most).max(1.0).ln();
-        evidence -= 4.0 * (beyond / 1.3_f32.ln()).powi(2);
+        // Where its colour and size were learnt, fewer other things are candidates at all.
+        evidence += 0.7 - 4.0 * (beyond / 1.3_f32.ln()).powi(2);
     }
     f64::from(1.0 / (1.0 + (-evidence).exp()))
 }
