@@ -10,8 +10,12 @@ use super::{
     sphere,
 };
 
-/// Error of the centre that no covariance of pixels knows of: the lens's blur, the pixels' fill, px².
-const FLOOR_PX2: f64 = 0.02 * 0.02;
+/// Errors of the centre that no covariance of pixels knows of, standard deviations: of the lens's blur and the
+/// pixels' fill, px; of a shading by several lamps, which moves a ball's outline by a share of its diameter; and of
+/// light that changes along its path.
+const FLOOR_PX: f64 = 0.02;
+const FLOOR_DIAMETERS: f64 = 0.0035;
+const FLOOR_PATHS: f64 = 0.005;
 
 /// Share of the swept area that must differ from the fit for the ball to count as occluded.
 const OCCLUDED: f32 = 0.12;
@@ -107,5 +111,11 @@ fn covariance_px(fit: &Fit, rectifier: &Rectifier) -> [f64; 3] {
                 + c[0][1] * (along[i] * across[j] + across[i] * along[j])
                 + c[1][1] * across[i] * across[j])
     };
-    [element(0, 0) + FLOOR_PX2, element(0, 1), element(1, 1) + FLOOR_PX2]
+    let floors = [
+        FLOOR_PX,
+        FLOOR_DIAMETERS * 2.0 * f64::from(fit.sweep.radius),
+        FLOOR_PATHS * f64::from(fit.sweep.length),
+    ];
+    let floor = floors.iter().map(|f| f * f).sum::<f64>();
+    [element(0, 0) + floor, element(0, 1), element(1, 1) + floor]
 }
