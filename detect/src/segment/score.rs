@@ -34,9 +34,9 @@ pub fn score(measured: &Measured, likeness: f32) -> f64 {
 /// outline must tell all: what the ball explains of it, whether it ends on all sides, and whether what is around is
 /// quiet.
 ///
-/// A logistic regression (Cox 1958) on logarithms, each bounded to where it means something. Its weights were fitted to
-/// 1,400 candidates in 23 pictures of play with a white ball, and rounded; score ½ is where it let one false candidate
-/// pass in eight pictures. `diameter_px` are the smallest and the largest ball that was marked.
+/// A logistic regression (Cox 1958) on logarithms, each bounded to where it means something. Its weights are rounded
+/// means of two fits to 1,400 candidates each in 23 pictures of play with a white ball; score ½ is where one false
+/// candidate passed in eight of them. `diameter_px` are the smallest and the largest ball that was marked.
 pub fn single_score(
     measured: &Measured,
     outline: &Outline,
@@ -48,16 +48,16 @@ pub fn single_score(
     let [_, _, quarter, half] = outline.steps;
     // A ball that covers each place for a part of the exposure only would have to be brighter than anything is.
     let level = measured.verdict.levels.iter().copied().fold(1.0, f32::max);
-    let mut evidence = -17.6 - 1.94 * (1.0 - outline.explained).clamp(0.015, 2.0).ln()
-        + 3.6 * quarter.clamp(-0.5, 0.8)
-        - 4.26 * (half.clamp(0.0, 2.0) - 1.03).abs()
-        - 1.03 * outline.busy.clamp(0.02, 3.0).ln()
-        - 3.12 * (level / 300.0).clamp(1.0, 10.0).ln()
-        - 1.4 * (sweep.length / diameter).clamp(0.5, 10.0).ln()
-        + 1.59 * likeness.clamp(0.05, 1.0).ln()
-        + 2.13 * measured.verdict.signal.clamp(5.0, 100.0).ln()
-        + 5.08 * (diameter.clamp(4.0, 12.0) / 12.0).ln()
-        - 7.53 * (diameter.clamp(40.0, 80.0) / 40.0).ln();
+    let mut evidence = -18.5 - 2.55 * (1.0 - outline.explained).clamp(0.015, 2.0).ln()
+        + 2.8 * quarter.clamp(-0.5, 0.8)
+        - 4.4 * (half.clamp(0.0, 2.0) - 1.03).abs()
+        - 0.87 * outline.busy.clamp(0.02, 3.0).ln()
+        - 3.25 * (level / 300.0).clamp(1.0, 10.0).ln()
+        - 1.5 * (sweep.length / diameter).clamp(0.5, 10.0).ln()
+        + 1.9 * likeness.clamp(0.05, 1.0).ln()
+        + 2.17 * measured.verdict.signal.clamp(5.0, 100.0).ln()
+        + 4.7 * (diameter.clamp(4.0, 12.0) / 12.0).ln()
+        - 7.6 * (diameter.clamp(40.0, 80.0) / 40.0).ln();
     if let Some([least, most]) = diameter_px {
         // Balls come nearer and go farther than where a few were marked.
         let beyond = (least / diameter).max(diameter / most).max(1.0).ln();
