@@ -185,7 +185,7 @@ impl ColourModel {
     pub fn gates(&self, light: &SceneLight, in_a_crowd: bool) -> impl Iterator<Item = ColourGate> + '_ {
         let light = *light;
         let format = self.format;
-        let marked = self.marked.iter().map(|marked| marked.gate);
+        let marked = self.marked().map(|marked| marked.gate);
         let told = self.models(light.grey).map(move |model| {
             // Half of the hue that sets an orange ball apart from grey must be there.
             let tolerance = (if in_a_crowd { 1.6 } else { 2.2 } * model.spread).min(0.5);
@@ -210,7 +210,12 @@ impl ColourModel {
                 ],
             )
         });
-        marked.chain(told)
+        marked.into_iter().chain(told)
+    }
+
+    /// What was marked, until enough balls have been seen in the light of this very moment.
+    fn marked(&self) -> Option<&Marked> {
+        self.marked.as_ref().filter(|_| self.learnt.is_none_or(|(_, n)| n < CONFIDENT))
     }
 
     /// Diameters of the smallest and the largest ball that was marked, px; none where no colour was learnt.
@@ -220,7 +225,7 @@ impl ColourModel {
 
     /// How well levels R, G, B fit the ball, 0–1: the density of the nearest model, 1 at its mean.
     pub fn likeness(&self, light: &SceneLight, rgb: [f32; 3]) -> f32 {
-        if let Some(marked) = &self.marked {
+        if let Some(marked) = self.marked() {
             return marked.likeness(rgb);
         }
         if self.format == PixelFormat::Mono8 {
@@ -238,9 +243,6 @@ impl ColourModel {
 
     /// Takes note of a ball that was certain by its shape.
     pub fn learn(&mut self, rgb: [f32; 3]) {
-        if self.marked.is_some() {
-            return;
-        }
         let place = place(rgb);
         let (mut model, n) = self.learnt.unwrap_or((BallModel { mean: place, spread: 0.2, level: None }, 0));
         let share = (1.0 / (n + 1) as f32).max(0.02);
