@@ -80,7 +80,7 @@ impl Outline {
             busy += along(&cell.seen, &all).powi(2);
             free += 1.0;
         }
-        let (mut left, mut changed) = (0.0_f32, 0.0_f32);
+        let (mut left, mut noise, mut changed) = (0.0_f32, 0.0_f32, 0.0_f32);
         let count = stretches(&sweep);
         let mut steps = [0.5; STRETCHES.1];
         let mut seen_stretches = 0;
@@ -94,7 +94,8 @@ impl Outline {
                 for i in 0..3 {
                     // Green is the mean of two pixels; a grey cell, of four.
                     let pixels = if view.format().red_at().is_none() { 4.0 } else { [1.0, 2.0, 1.0][i] };
-                    left += (cell.seen[i] - model[i]).powi(2) - (floor + shot * model[i].max(0.0)) / pixels;
+                    left += (cell.seen[i] - model[i]).powi(2);
+                    noise += (floor + shot * model[i].max(0.0)) / pixels;
                     changed += (cell.seen[i] - behind[i]).powi(2);
                 }
                 product += cell.alpha * along(&cell.seen, &behind);
@@ -112,13 +113,16 @@ impl Outline {
         steps.sort_unstable_by(f32::total_cmp);
         let steps = [0, count / 8, count / 4, count / 2].map(|place| steps[place]);
         Some(Self {
-            explained: 1.0 - left.max(0.0) / changed.max(1.0),
+            explained: 1.0 - (left - noise).max(HIDDEN_BY_NOISE * noise) / changed.max(1.0),
             steps,
             busy: (busy / free.max(1.0)).sqrt(),
         })
     }
 }
 
+/// Share of the noise that may hide what the ball does not explain: where there is hardly anything but noise, all is
+/// explained by anything.
+const HIDDEN_BY_NOISE: f32 = 0.3;
 /// Cover below which a cell shows what is around, 0–1.
 const FREE: f32 = 0.03;
 
