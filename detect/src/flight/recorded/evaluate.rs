@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use netcord_common::rig::{Ball, FlightConstants};
 
 use super::{
+    clock::{Clock, Pace},
     parse::{RecordedFrame, Recording, Sample},
     truth::{self, Arc},
 };
@@ -53,6 +54,8 @@ pub struct EvaluateOptions {
     pub table_z_m: Option<f64>,
     /// Standard deviation of the positions along x, y and z, m.
     pub sigma_m: Vector3<f64>,
+    /// How the stamps run, where they are not exact.
+    pub pace: Option<Pace>,
     /// Noise of the model, and how far ball and table may differ from the constants.
     pub tuning: Tuning,
 }
@@ -64,6 +67,7 @@ impl Default for EvaluateOptions {
             ball: Ball::default(),
             table_z_m: None,
             sigma_m: Vector3::repeat(0.002),
+            pace: None,
             tuning: Tuning::default(),
         }
     }
@@ -178,11 +182,14 @@ const SLOW_ERRORS: f64 = 2.35;
 
 /// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
 /// shows it: from third differences, which no flight has, by their median size.
-pub fn find_noise(recordings: &[Recording]) -> Option<Vector3<f64>> {
+pub fn find_noise(recordings: &[Recording], pace: Option<Pace>) -> Option<Vector3<f64>> {
+    /// A clock needs some stamps before its instants are better than these.
+    const SETTLED: usize = 12;
     /// Nearly equal steps only: the weights 1, −3, 3, −1 are for such.
     const EVEN: f64 = 0.25;
     let mut sizes: [Vec<f64>; 3] = Default::default();
-    for w in recordings.iter().flat_map(|r| r.samples.windows(4)) {
+    let timed: Vec<Vec<Sample>> = recordings.iter().map(|r| settled(r, pace, SETTLED)).collect();
+    for w in timed.iter().flat_map(|samples| samples.windows(4)) {
         let step = (w[3].t_s - w[0].t_s) / 3.0;
         if step > 0.02 || w.windows(2).any(|p| (p[1].t_s - p[0].t_s - step).abs() > EVEN * step) {
             continue;
@@ -204,6 +211,14 @@ pub fn find_noise(recordings: &[Recording]) -> Option<Vector3<f64>> {
     let [x, y, z] = &mut sizes;
     // 1.4826: the median size of a normal variable is its standard deviation over this.
     Some(Vector3::new(median(x)?, median(y)?, median(z)?) * (1.4826 * SLOW_ERRORS))
+}
+
+/// The positions of a recording at the instants that a clock finds, without the first `skipped` if there is one.
+fn settled(recording: &Recording, pace: Option<Pace>, skipped: usize) -> Vec<Sample> {
+    let Some(pace) = pace else { return recording.samples.clone() };
+    let mut clock = Clock::new(pace);
+    let timed = recording.samples.iter().map(|s| Sample { t_s: clock.instant(s.t_s).0, ..*s });
+    timed.skip(skipped).collect()
 }
 
 /// Runs over recordings of one set, one after the other as if live: what a flight teaches of ball and
@@ -232,40 +247,47 @@ pub fn evaluate(
     let mut tracker = Tracker::new(flow, options.tuning.latitude, habits);
     let level_z = table.map_or(f64::NEG_INFINITY, |t| t.surface_z_m + options.ball.radius_m());
     let mut result = Evaluation::default();
+    let seen = observations(recording, options);
     let mut start = 0;
     for range in truth::flights(&recording.samples, level_z) {
         // A flight's remains that were cut off (a hit's own samples) teach the filter, but are no flight.
-        feed(&mut tracker, &recording.samples[start..range.start], options);
-        evaluate_flight(
-            &mut tracker,
-            recording,
-            &recording.samples[range.clone()],
-            level_z,
-            options,
-            &mut result,
-        );
+        for o in &seen[start..range.start] {
+            tracker.observe(o);
+        }
+        let flight = Flight {
+            samples: &recording.samples[range.clone()],
+            seen: &seen[range.clone()],
+            spin_rad_s: recording.spin_rad_s,
+            name_hash: name_hash(recording),
+        };
+        flight.evaluate(&mut tracker, level_z, &mut result);
         start = range.end;
     }
     (result, tracker.finish())
 }
 
-pub(super) fn observation(sample: &Sample, options: &EvaluateOptions) -> Observation {
-    Observation {
-        t_ns: ns(sample.t_s),
-        position: sample.position,
-        covariance: Matrix3::from_diagonal(&options.sigma_m.map(|s| s * s)),
-    }
+/// A recording as the tracker sees it: each position at the instant that is known of it when it comes.
+pub(super) fn observations(recording: &Recording, options: &EvaluateOptions) -> Vec<Observation> {
+    /// Two positions further apart do not tell how fast the ball is, s.
+    const LONGEST_STEP_S: f64 = 0.05;
+    let mut clock = options.pace.map(Clock::new);
+    let own = Matrix3::from_diagonal(&options.sigma_m.map(|s| s * s));
+    let mut last: Option<(f64, Vector3<f64>)> = None;
+    let observe = |sample: &Sample| {
+        let (t_s, sigma_s) = clock.as_mut().map_or((sample.t_s, 0.0), |c| c.instant(sample.t_s));
+        // A ball moves along its path while the instant is in doubt.
+        let velocity = last.filter(|(before_s, _)| (1e-3..LONGEST_STEP_S).contains(&(t_s - before_s)));
+        let along = velocity.map_or_else(Vector3::zeros, |(before_s, p)| {
+            (sample.position - p) * (sigma_s / (t_s - before_s))
+        });
+        last = Some((t_s, sample.position));
+        Observation { t_ns: ns(t_s), position: sample.position, covariance: own + along * along.transpose() }
+    };
+    recording.samples.iter().map(observe).collect()
 }
-
 /// Recorded seconds as the tracker's instants, with a second of room before the first.
 fn ns(t_s: f64) -> u64 {
     ((t_s + 1.0) * 1e9).round() as u64
-}
-
-fn feed(tracker: &mut Tracker, samples: &[Sample], options: &EvaluateOptions) {
-    for sample in samples {
-        tracker.observe(&observation(sample, options));
-    }
 }
 
 /// Where the filter says that the ball is at each horizon, and where it lands and is hit.
@@ -276,9 +298,11 @@ struct Said {
     hitting: Option<(Vector3<f64>, f64, f64)>,
 }
 
-fn ask(tracker: &Tracker, t_s: f64, plane_y_m: f64) -> Option<Said> {
-    let bank = tracker.bank_at(ns(t_s));
-    let best = bank.consensus()?;
+/// What is said of times after the stamp `t_s`, of a position that was taken at `seen_ns`.
+fn ask(tracker: &Tracker, seen_ns: u64, t_s: f64, plane_y_m: f64) -> Option<Said> {
+    let mut best = tracker.bank_at(seen_ns).consensus()?;
+    let stamp_late_s = (ns(t_s) as f64 - seen_ns as f64) * 1e-9;
+    tracker.flow().fly(&mut best.belief, stamp_late_s);
     let mut path = [Vector3::zeros(); HORIZONS_MS.len()];
     let ahead = look_ahead(tracker.flow(), &best.belief, best.exempt, 1.2, Some(plane_y_m), |k, belief| {
         let ms = (k as f64 * PATH_STEP_S * 1e3).round() as u32;
@@ -301,67 +325,76 @@ fn guess(samples: &[Sample]) -> Option<Said> {
     Some(Said { path, landing: Some(b.position), hitting: None })
 }
 
-fn evaluate_flight(
-    tracker: &mut Tracker,
-    recording: &Recording,
-    flight: &[Sample],
-    level_z: f64,
-    options: &EvaluateOptions,
-    result: &mut Evaluation,
-) {
-    result.flights += 1;
-    let begin_s = flight[0].t_s;
-    let end_s = flight[flight.len() - 1].t_s;
-    let bounces = truth::bounces(flight, level_z);
-    let plane = truth::position_at(flight, begin_s + PLANE_AT * (end_s - begin_s)).map(|p| p.y);
-    let mut spin_judged = false;
-    for (k, sample) in flight.iter().enumerate() {
-        tracker.observe(&observation(sample, options));
-        let seen_s = sample.t_s - begin_s;
-        if seen_s < WARM_UP_S {
-            continue;
-        }
-        let said = ask(tracker, sample.t_s, plane.unwrap_or(f64::NAN));
-        result.blind += usize::from(said.is_none());
-        let Some(said) = said.or_else(|| guess(&flight[..=k])) else { continue };
-        for (i, ms) in HORIZONS_MS.iter().enumerate() {
-            if let Some(p) = truth::position_at(flight, sample.t_s + f64::from(*ms) * 1e-3) {
-                let until_s = sample.t_s + f64::from(*ms) * 1e-3;
-                result.predictions.push(PredictionError {
-                    horizon_ms: *ms,
-                    error_m: said.path[i] - p,
-                    seen_s,
-                    bounces_before: bounces.iter().filter(|b| b.t_s <= sample.t_s).count(),
-                    bounces_ahead: bounces.iter().filter(|b| b.t_s > sample.t_s && b.t_s <= until_s).count(),
-                });
+/// One flight of a recording.
+struct Flight<'a> {
+    samples: &'a [Sample],
+    /// What the tracker is told.
+    seen: &'a [Observation],
+    spin_rad_s: Option<Vector3<f64>>,
+    name_hash: u64,
+}
+
+impl Flight<'_> {
+    fn evaluate(&self, tracker: &mut Tracker, level_z: f64, result: &mut Evaluation) {
+        let flight = self.samples;
+        result.flights += 1;
+        let begin_s = flight[0].t_s;
+        let end_s = flight[flight.len() - 1].t_s;
+        let bounces = truth::bounces(flight, level_z);
+        let plane = truth::position_at(flight, begin_s + PLANE_AT * (end_s - begin_s)).map(|p| p.y);
+        let mut spin_judged = false;
+        for (k, (sample, seen)) in flight.iter().zip(self.seen).enumerate() {
+            tracker.observe(seen);
+            let seen_s = sample.t_s - begin_s;
+            if seen_s < WARM_UP_S {
+                continue;
             }
-        }
-        let next_s = flight.get(k + 1).map_or(f64::INFINITY, |s| s.t_s);
-        if let Some(bounce) = bounces.iter().find(|b| b.t_s > sample.t_s) {
-            for (i, ms) in LEADS_MS.iter().enumerate() {
-                let at = bounce.t_s - f64::from(*ms) * 1e-3;
-                if sample.t_s <= at && at < next_s {
-                    let error = said.landing.map_or(f64::INFINITY, |p| (p - bounce.position).xy().norm());
-                    result.landing_m[i].push(error);
+            let said = ask(tracker, seen.t_ns, sample.t_s, plane.unwrap_or(f64::NAN));
+            result.blind += usize::from(said.is_none());
+            let Some(said) = said.or_else(|| guess(&flight[..=k])) else { continue };
+            for (i, ms) in HORIZONS_MS.iter().enumerate() {
+                if let Some(p) = truth::position_at(flight, sample.t_s + f64::from(*ms) * 1e-3) {
+                    let until_s = sample.t_s + f64::from(*ms) * 1e-3;
+                    result.predictions.push(PredictionError {
+                        horizon_ms: *ms,
+                        error_m: said.path[i] - p,
+                        seen_s,
+                        bounces_before: bounces.iter().filter(|b| b.t_s <= sample.t_s).count(),
+                        bounces_ahead: bounces
+                            .iter()
+                            .filter(|b| b.t_s > sample.t_s && b.t_s <= until_s)
+                            .count(),
+                    });
                 }
             }
-        }
-        if let Some(y) = plane {
-            judge_hitting(flight, k, y, &said, name_hash(recording), result);
-        }
-        if let Some(truth) = recording.spin_rad_s
-            && !spin_judged
-            && seen_s >= SPIN_AFTER_S
-            && truth.norm() > LEAST_SPIN_RAD_S
-            && let Some(best) = tracker.bank_at(ns(sample.t_s)).consensus()
-            && let Some(arc) = Arc::fit(&flight[..flight.partition_point(|s| s.t_s < begin_s + WARM_UP_S)])
-        {
-            spin_judged = true;
-            let along = arc.velocity(begin_s).normalize();
-            let across = |w: &Vector3<f64>| w - along * along.dot(w);
-            let error = best.belief.struck_spin - truth;
-            result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
-            result.spin_full.push(error.norm() / truth.norm());
+            let next_s = flight.get(k + 1).map_or(f64::INFINITY, |s| s.t_s);
+            if let Some(bounce) = bounces.iter().find(|b| b.t_s > sample.t_s) {
+                for (i, ms) in LEADS_MS.iter().enumerate() {
+                    let at = bounce.t_s - f64::from(*ms) * 1e-3;
+                    if sample.t_s <= at && at < next_s {
+                        let error = said.landing.map_or(f64::INFINITY, |p| (p - bounce.position).xy().norm());
+                        result.landing_m[i].push(error);
+                    }
+                }
+            }
+            if let Some(y) = plane {
+                judge_hitting(flight, k, y, &said, self.name_hash, result);
+            }
+            if let Some(truth) = self.spin_rad_s
+                && !spin_judged
+                && seen_s >= SPIN_AFTER_S
+                && truth.norm() > LEAST_SPIN_RAD_S
+                && let Some(best) = tracker.bank_at(seen.t_ns).consensus()
+                && let Some(arc) =
+                    Arc::fit(&flight[..flight.partition_point(|s| s.t_s < begin_s + WARM_UP_S)])
+            {
+                spin_judged = true;
+                let along = arc.velocity(begin_s).normalize();
+                let across = |w: &Vector3<f64>| w - along * along.dot(w);
+                let error = best.belief.struck_spin - truth;
+                result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
+                result.spin_full.push(error.norm() / truth.norm());
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use netcord_common::rig::FlightConstants;
 
 use super::{
-    evaluate::{EvaluateOptions, HORIZONS_MS, evaluate_set, name_hash, observation},
+    evaluate::{EvaluateOptions, HORIZONS_MS, evaluate_set, name_hash, observations},
     parse::Recording,
 };
 use crate::flight::{
@@ -139,8 +139,7 @@ impl Pass {
         flow.forces = Forces::new(c, &options.ball);
         let mut tracker = Tracker::new(flow, NO_LATITUDE, Habits::new(&NO_LATITUDE));
         let mut pass = Self::default();
-        for sample in &recording.samples {
-            let o = observation(sample, &options);
+        for o in observations(recording, &options) {
             let bank = tracker.bank_at(o.t_ns);
             let log = bank.log_likelihood(&o.position, &o.covariance);
             pass.cost -= log.unwrap_or(0.0);

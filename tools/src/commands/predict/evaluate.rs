@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
-    EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, evaluate_set, find_noise, find_table,
+    EvaluateOptions, Evaluation, HORIZONS_MS, LEADS_MS, Pace, evaluate_set, find_noise, find_table,
 };
 use serde_json::{Map, Value, json};
 
@@ -25,14 +25,16 @@ pub fn run(
     let (mut by_set, mut ends) = (Map::new(), Vec::new());
     for set in sets {
         let table = find_table(&set.recordings, options);
-        let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings));
-        let options = &EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), ..*options };
+        let pace = Pace::find(&set.recordings);
+        let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings, pace));
+        let options = &EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), pace, ..*options };
         let mut of_set = evaluate_set(&set.recordings, table, options);
         let mut figures = figures(&of_set);
         let surface = table.map(|t| t.surface_z_m);
         figures.insert("recordings".into(), json!(set.recordings.len()));
         figures.insert("table_z_m".into(), json!(surface));
         figures.insert("sigma_m".into(), json!(options.sigma_m.as_slice()));
+        figures.insert("stamp_jitter_s".into(), json!(pace.map(|p| p.jitter_s)));
         print(&format!("{} ({} recordings)", set.name, set.recordings.len()), &figures);
         by_set.insert(set.name.clone(), Value::Object(figures));
         all.append(&mut of_set);

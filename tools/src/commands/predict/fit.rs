@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use nalgebra::Vector3;
 use netcord_common::rig::RigEdit;
 use netcord_detect::flight::recorded::{
-    EvaluateOptions, FITTED_NAMES, FitSet, HORIZONS_MS, find_noise, find_table, fit, fitted_values,
+    EvaluateOptions, FITTED_NAMES, FitSet, HORIZONS_MS, Pace, find_noise, find_table, fit, fitted_values,
 };
 use serde_json::{Map, Value, json};
 
@@ -36,8 +36,9 @@ pub fn run(
     let sets: Vec<FitSet<'_>> = sets
         .iter()
         .map(|set| {
-            let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings));
-            let options = EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), ..*options };
+            let pace = Pace::find(&set.recordings);
+            let sigma = sigma_m.map(Vector3::repeat).or_else(|| find_noise(&set.recordings, pace));
+            let options = EvaluateOptions { sigma_m: sigma.unwrap_or(options.sigma_m), pace, ..*options };
             FitSet { recordings: &set.recordings, table: find_table(&set.recordings, &options), options }
         })
         .collect();
