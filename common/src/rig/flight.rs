@@ -39,22 +39,22 @@ pub struct FlightConstants {
 }
 
 impl Default for FlightConstants {
-    /// Fitted to half of 275 real flights (two amateurs' strokes, and balls from two launchers), chosen by a
-    /// hash of their names, for the least prediction error (`netcord predict --evaluate`); within what is
-    /// published: drag 0.45–0.6 in flight with spin, table restitution 0.85–0.98 falling with speed, friction
+    /// Between what either half of 275 real flights (two amateurs' strokes, and balls from two launchers), chosen by
+    /// a hash of their names, takes for the least prediction error (`netcord predict --evaluate`), with a last look
+    /// at all; within what is published: drag 0.45–0.6 in flight with spin, table restitution 0.85–0.98 falling with speed, friction
     /// 0.25–0.3. The lift saturates near C_L = 0.3. Air at 20 °C and 101 kPa.
     fn default() -> Self {
         Self {
             mass_kg: 0.0027,
-            gravity_m_s2: 9.59,
-            drag: 0.46,
+            gravity_m_s2: 9.65,
+            drag: 0.445,
             drag_induced: 1.4,
-            magnus: 0.40,
+            magnus: 0.415,
             magnus_saturation: 3.5,
             air_density_kg_m3: 1.204,
-            restitution: 0.98,
-            restitution_slope_s_m: 0.0095,
-            friction: 0.25,
+            restitution: 0.9775,
+            restitution_slope_s_m: 0.005,
+            friction: 0.265,
         }
     }
 }

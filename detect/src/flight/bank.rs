@@ -17,9 +17,9 @@ const UNLIKELY_WAY: f64 = 5e-3;
 /// Chance that a ball which reaches the table's plane has no table below it, where the edges are unknown.
 const OFF_UNKNOWN_TABLE: f64 = 0.02;
 /// Share of bounces that the model describes badly: an edge, dirt, a spin far from what was believed.
-const ODD_BOUNCE: f64 = 0.03;
+const ODD_BOUNCE: f64 = 0.018;
 /// How such bounces scatter.
-const ODD_SCATTER: BounceScatter = BounceScatter { normal: 0.1, tangential: 0.4, tangential_floor_m_s: 0.8 };
+const ODD_SCATTER: BounceScatter = BounceScatter { normal: 0.03, tangential: 0.4, tangential_floor_m_s: 0.8 };
 /// A way in which a ball may leave the table with less than this chance is not followed.
 const UNLIKELY_LEAVING: f64 = 0.05;
 /// A bad position weighs this much against a hypothesis at most: a hypothesis is ruled out by several.

@@ -26,10 +26,10 @@ struct Strokes {
 /// shares that let a bend of the path decide. The first two are narrower than what was measured, by as much as lowers
 /// the prediction error of recorded flights: the tails of the measured scatter are the other kinds' part here.
 const STROKES: [Strokes; 4] = [
-    Strokes { share: 0.55, topspin: [-54.0, 16.4, 1.8], sigma: [19.0, 22.0, 19.0], forward_up: -0.42 },
-    Strokes { share: 0.1, topspin: [-80.0, 0.0, 0.0], sigma: [25.0, 31.0, 25.0], forward_up: -0.42 },
-    Strokes { share: 0.23, topspin: [160.0, 0.0, 0.0], sigma: [118.0, 101.0, 93.0], forward_up: -0.85 },
-    Strokes { share: 0.12, topspin: [-160.0, 0.0, 0.0], sigma: [118.0, 101.0, 93.0], forward_up: -0.85 },
+    Strokes { share: 0.3, topspin: [-54.0, 16.4, 1.8], sigma: [17.5, 20.0, 17.5], forward_up: -0.42 },
+    Strokes { share: 0.14, topspin: [-74.0, 0.0, 0.0], sigma: [27.0, 34.0, 27.0], forward_up: -0.42 },
+    Strokes { share: 0.3, topspin: [160.0, 0.0, 0.0], sigma: [108.0, 101.0, 103.0], forward_up: -0.92 },
+    Strokes { share: 0.26, topspin: [-160.0, 0.0, 0.0], sigma: [108.0, 101.0, 103.0], forward_up: -0.92 },
 ];
 
 /// How many kinds of stroke the prior distinguishes.
@@ -76,10 +76,17 @@ mod tests {
         for heading in
             [Vector3::new(0.0, 7.0, 1.0), Vector3::new(3.0, -6.0, 1.0), Vector3::new(0.0, 0.0, -1.0)]
         {
-            for (share, mean, covariance) in spin(&heading) {
+            let kinds = spin(&heading);
+            let (shares, expected) = kinds
+                .iter()
+                .fold((0.0, Vector3::zeros()), |(sum, mean), (share, m, _)| (sum + share, mean + m * *share));
+            assert!((shares - 1.0_f64).abs() < 1e-12, "{shares}");
+            // Magnus pulls a ball with topspin down.
+            for mean in [kinds[0].1, expected] {
+                assert!(mean.cross(&heading).z <= 0.0, "{mean}");
+            }
+            for (share, _, covariance) in kinds {
                 assert!((0.0..1.0).contains(&share));
-                // Magnus pulls a ball with topspin down.
-                assert!(share < 0.5 || mean.cross(&heading).z <= 0.0, "{mean}");
                 assert!(covariance.cholesky().is_some());
             }
         }

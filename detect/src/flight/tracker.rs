@@ -46,11 +46,11 @@ const TAIL_VARIANCE: f64 = 4.2;
 /// turn, and what finds positions may have joined those before it. Taken as free flight they tell of a spin that
 /// is not there, and the filter, sure of it, does not forgive them. Spectral density of the acceleration that a
 /// flight begins with beside what the model leaves out, m²/s³, and how soon it is over, s.
-const HIT_ACCELERATION: f64 = 1.0;
+const HIT_ACCELERATION: f64 = 0.85;
 const HIT_LASTS_S: f64 = 0.016;
 /// From here on a position's covariance is widened, so that it pulls no more than one at this distance
-/// (Huber's weights): chance 12 %.
-const HUBER_CHI2: f64 = 5.9;
+/// (Huber's weights): chance 9 %.
+const HUBER_CHI2: f64 = 6.4;
 /// Positions of the present flight that are kept to put late ones in their place: 0.5 s at 100 Hz.
 const HISTORY: usize = 48;
 /// Unexplained positions that are kept; a flight begins with at most as many.

@@ -7,6 +7,6 @@ mod schemas;
 mod topics;
 
 pub use annotations::annotations;
-pub use scene::{Scene, world_frame_id};
+pub use scene::{BALL_TOPIC, PATH_TOPIC, Scene, TABLE_TOPIC, world_frame_id};
 pub use schemas::{bytes_of, foxglove_schema};
 pub use topics::{RigTopics, Wanted};

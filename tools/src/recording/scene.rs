@@ -13,6 +13,13 @@ use netcord_common::{
 
 use super::colours;
 
+/// The topics of the scene's parts.
+pub const TABLE_TOPIC: &str = "/scene/table";
+/// As [`TABLE_TOPIC`].
+pub const BALL_TOPIC: &str = "/scene/ball";
+/// As [`TABLE_TOPIC`].
+pub const PATH_TOPIC: &str = "/scene/path";
+
 /// Measures of a table (ITTF Laws 2.1 and 2.2), m.
 mod table {
     pub(super) const WIDTH: f64 = 1.525;

@@ -14,7 +14,7 @@ use netcord_common::{
 use super::{
     Scene,
     annotations::annotations,
-    scene::world_frame_id,
+    scene::{BALL_TOPIC, PATH_TOPIC, TABLE_TOPIC, world_frame_id},
     schemas::{bytes_of, foxglove_schema, netcord_schema, truth_schema},
 };
 
@@ -25,7 +25,10 @@ pub struct RigTopics {
     cameras: Vec<CameraTopics>,
     position: ChannelId,
     trajectory: ChannelId,
-    scene_channel: ChannelId,
+    /// Table, ball and path have a topic each: who jumps to an instant gets the last message of every topic.
+    table: ChannelId,
+    ball: ChannelId,
+    path: ChannelId,
     transforms: ChannelId,
     truth: Option<ChannelId>,
     scene: Scene,
@@ -81,7 +84,9 @@ impl RigTopics {
             cameras,
             position: writer.channel("/ball/position", &netcord_schema::<BallPosition>()),
             trajectory: writer.channel("/ball/trajectory", &netcord_schema::<BallTrajectory>()),
-            scene_channel: writer.channel("/scene", &foxglove_schema::<SceneUpdate>()),
+            table: writer.channel(TABLE_TOPIC, &foxglove_schema::<SceneUpdate>()),
+            ball: writer.channel(BALL_TOPIC, &foxglove_schema::<SceneUpdate>()),
+            path: writer.channel(PATH_TOPIC, &foxglove_schema::<SceneUpdate>()),
             transforms: writer.channel("/tf", &foxglove_schema::<FrameTransform>()),
             truth: wanted.truth.then(|| writer.channel("/truth/ball", &truth_schema())),
             scene: Scene::new(rig),
@@ -109,7 +114,7 @@ impl RigTopics {
             }
         }
         match self.scene.table(stamp_ns) {
-            Some(table) => writer.write(self.scene_channel, stamp_ns, &bytes_of(&table), None),
+            Some(table) => writer.write(self.table, stamp_ns, &bytes_of(&table), None),
             None => Ok(()),
         }
     }
@@ -166,7 +171,7 @@ impl RigTopics {
         let stamp_ns = position.stamps.mid_exposure_ns;
         writer.write(self.position, stamp_ns, &encode(position), None)?;
         match self.scene.ball(position) {
-            Some(ball) => writer.write(self.scene_channel, stamp_ns, &bytes_of(&ball), None),
+            Some(ball) => writer.write(self.ball, stamp_ns, &bytes_of(&ball), None),
             None => Ok(()),
         }
     }
@@ -180,7 +185,7 @@ impl RigTopics {
         let stamp_ns = trajectory.stamps.mid_exposure_ns;
         writer.write(self.trajectory, stamp_ns, &encode(trajectory), None)?;
         match self.scene.path(trajectory) {
-            Some(path) => writer.write(self.scene_channel, stamp_ns, &bytes_of(&path), None),
+            Some(path) => writer.write(self.path, stamp_ns, &bytes_of(&path), None),
             None => Ok(()),
         }
     }

@@ -42,7 +42,7 @@ for camera in ("left", "right"):
     assert np.allclose(np.reshape(calibration.R, (3, 3)), np.eye(3))
     assert np.allclose(p, np.hstack([k, np.zeros((3, 1))])), "P = [K|0]"
     assert calibration.distortion_model == "plumb_bob" and len(calibration.D) == 5
-assert counts["/ball/trajectory"] > 0 and counts["/scene"] > 0
+assert counts["/ball/trajectory"] > 0 and counts["/scene/ball"] > 0 and counts["/scene/path"] > 0
 assert last["/tf"].parent_frame_id == "table"
 assert metadata["netcord"]["world_frame"] == "table"
 with open(positions, newline="") as file:

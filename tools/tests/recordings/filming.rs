@@ -30,13 +30,21 @@ pub struct Shot {
     pub dropped: Vec<(usize, u64)>,
     /// Whether calibrations are written.
     pub calibrated: bool,
+    /// What the truth that is written is off by, m.
+    pub truth_off_m: [f64; 3],
     /// What is done to the message of the right camera's third image.
     pub spoil: fn(&mut RawImage),
 }
 
 impl Default for Shot {
     fn default() -> Self {
-        Self { format: PixelFormat::BayerRG8, dropped: Vec::new(), calibrated: true, spoil: |_| {} }
+        Self {
+            format: PixelFormat::BayerRG8,
+            dropped: Vec::new(),
+            calibrated: true,
+            truth_off_m: [0.0; 3],
+            spoil: |_| {},
+        }
     }
 }
 
@@ -103,6 +111,7 @@ impl Film {
             let t_ns = FIRST_NS + n * INTERVAL_NS;
             let ball = self.ball_at(t_ns);
             if let Some(position_m) = ball {
+                let position_m: [f64; 3] = std::array::from_fn(|i| position_m[i] + shot.truth_off_m[i]);
                 let row = serde_json::json!({"t_ns": t_ns, "position_m": position_m});
                 serde_json::from_value::<RecordedTruth>(row.clone()).expect("as the reader wants it");
                 writer.write(truth, t_ns, row.to_string().as_bytes(), None).expect("written");

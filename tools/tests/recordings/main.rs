@@ -191,6 +191,33 @@ fn a_recording_becomes_a_picture() {
     assert!(out.status.success(), "the truth alone can be drawn: {}", text(&out.stderr));
 }
 
+/// The same film with its truth moved: the plot's errors are by how much.
+#[test]
+fn a_plots_errors_are_by_how_much_the_truth_is_off() {
+    let median_mm = |truth_off_m: [f64; 3]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let shot = Shot { truth_off_m, ..Shot::default() };
+        Film::new(24).write(&folder.path().join("in.mcap"), &shot);
+        for arguments in [
+            &["process", "in.mcap", "--out", "out.mcap"] as &[&str],
+            &["plot", "out.mcap", "--out", "out.svg", "--report", "r.json"],
+        ] {
+            let out = netcord(folder.path(), arguments);
+            assert!(out.status.success(), "{}", text(&out.stderr));
+        }
+        let report = std::fs::read(folder.path().join("r.json")).expect("written");
+        let report: serde_json::Value = serde_json::from_slice(&report).expect("JSON");
+        assert!(report["position_error_mm"]["n"].as_u64() >= Some(18), "{report}");
+        let median = report["position_error_mm"]["median"].as_f64().expect("there is a truth");
+        let picture = std::fs::read_to_string(folder.path().join("out.svg")).expect("written");
+        assert!(picture.contains(&format!("median {median:.2}")), "the picture says the same as the report");
+        median
+    };
+    // The film's discs are found to 4 mm.
+    let (as_is, moved) = (median_mm([0.0; 3]), median_mm([0.03, -0.04, 0.12]));
+    assert!(as_is < 4.0 && (moved - 130.0).abs() < 4.0, "{as_is} {moved}");
+}
+
 /// All texts of a JSON value that name a topic, keys included, without the path to a field.
 fn topics_in(value: &serde_json::Value, into: &mut std::collections::BTreeSet<String>) {
     let mut take = |text: &str| {
@@ -231,7 +258,9 @@ fn the_layout_for_viewers_shows_topics_of_a_recording_by_panels_that_know_their_
     topics_in(&layout, &mut topics);
     // Latencies are those of a running rig: only `view` serves them.
     assert!(topics.remove("/statistics"), "{topics:?}");
-    assert!(topics.len() >= 7, "{topics:?}");
+    assert!(topics.len() >= 9, "{topics:?}");
+    // Viewers take the speed of playing from it, and refuse a layout without.
+    assert!(layout["playbackConfig"]["speed"].is_number());
     for topic in &topics {
         assert!(schema_of(topic).is_some(), "{topic} is not in a recording");
     }

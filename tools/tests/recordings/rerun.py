@@ -21,7 +21,9 @@ for topic, column in [
     ("/camera/right/image", "Image:buffer"),
     ("/camera/left/calibration", "Pinhole:image_from_camera"),
     ("/tf", "Transform3D:translation"),
-    ("/scene", "foxglove.SceneUpdate:message"),
+    ("/scene/table", "foxglove.SceneUpdate:message"),
+    ("/scene/ball", "foxglove.SceneUpdate:message"),
+    ("/scene/path", "foxglove.SceneUpdate:message"),
     ("/ball/trajectory", "netcord.BallTrajectory:message"),
 ]:
     assert any(f" - {topic} - " in chunk and column in chunk for chunk in chunks), (topic, column)

@@ -178,7 +178,7 @@ pub fn find_table(recordings: &[Recording], options: &EvaluateOptions) -> Option
 
 /// How much larger the errors of positions are than their scatter from one to the next shows: slow
 /// errors (of calibration, of a camera that takes over) are common to neighbours. Found with the tuning.
-const SLOW_ERRORS: f64 = 2.35;
+const SLOW_ERRORS: f64 = 2.7;
 
 /// Standard deviation of the positions of a set of recordings along x, y and z, m, as their own scatter
 /// shows it: from third differences, which no flight has, by their median size.

@@ -31,6 +31,10 @@ pub const FITTED_NAMES: [&str; FITTED] = [
 const STEPS: [f64; FITTED] = [0.01, 0.2, 0.02, 0.2, 0.005, 0.002, 0.01];
 /// Most Gauss–Newton steps.
 const ITERATIONS: usize = 6;
+/// Gauss–Newton steps without one group of recordings.
+const ITERATIONS_WITHOUT: usize = 2;
+/// Groups of recordings that are left out in turn, to see how far the constants move.
+const GROUPS: u64 = 5;
 /// A gain in log-likelihood below this ends the search: far less than what a standard deviation of a constant
 /// is worth.
 const LEAST_GAIN: f64 = 0.05;
@@ -66,6 +70,17 @@ pub struct Fit {
     /// Median prediction error of the held-out recordings at [`HORIZONS_MS`], before and after, m; `None` where
     /// none reaches that far.
     pub held_out_errors_m: [[Option<f64>; HORIZONS_MS.len()]; 2],
+}
+
+impl Fit {
+    /// By which factor the held-out prediction errors grew, as the geometric mean over the horizons: below 1 the
+    /// constants found are the better ones. `None` where nothing that was held out tells.
+    pub fn held_out_growth(&self) -> Option<f64> {
+        let [before, after] = &self.held_out_errors_m;
+        let pairs = before.iter().zip(after).filter_map(|(b, a)| Some((*b)?.max(1e-9) / (*a)?.max(1e-9)));
+        let logs: Vec<f64> = pairs.map(|shrunk| -shrunk.ln()).collect();
+        (!logs.is_empty()).then(|| (logs.iter().sum::<f64>() / logs.len() as f64).exp())
+    }
 }
 
 type Vector = SVector<f64, FITTED>;
@@ -157,13 +172,10 @@ impl Pass {
     }
 }
 
-/// All recordings that are, or are not, held out, on all cores.
-fn passes(sets: &[FitSet<'_>], held_out: bool, c: &FlightConstants) -> Vec<Pass> {
-    let work: Vec<_> = sets
-        .iter()
-        .flat_map(|s| s.recordings.iter().map(move |r| (s, r)))
-        .filter(|(_, r)| is_held_out(r) == held_out)
-        .collect();
+/// All recordings that are to be `kept`, on all cores.
+fn passes(sets: &[FitSet<'_>], kept: impl Fn(&Recording) -> bool, c: &FlightConstants) -> Vec<Pass> {
+    let work: Vec<_> =
+        sets.iter().flat_map(|s| s.recordings.iter().map(move |r| (s, r))).filter(|(_, r)| kept(r)).collect();
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
     let next = AtomicUsize::new(0);
     let mut all: Vec<(usize, Pass)> = std::thread::scope(|scope| {
@@ -199,22 +211,30 @@ fn total(passes: &[Pass]) -> f64 {
     passes.iter().map(|p| p.cost).sum()
 }
 
-/// Fits by maximum likelihood of each position given those before (the prediction-error decomposition,
-/// Schweppe 1965), by Gauss–Newton steps on the innovations from `start` on: all flights share the constants,
-/// and each flight's own state is left to the filter. The uncertainty is the sandwich estimator over recordings
-/// (Huber 1967): recordings are independent, positions are not quite. `progress` is told the share that is done.
-/// `None` without recordings to fit to.
-pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMut(f64)) -> Option<Fit> {
-    let at = |v: &Vector| passes(sets, false, &constants(v, start));
-    let mut best = within_bounds(&vector(start));
+/// Where a search ended.
+struct Summit {
+    constants: Vector,
+    /// Sandwich estimate (Huber 1967) of the constants' covariance: recordings are independent, positions are not.
+    covariance: SMatrix<f64, FITTED, FITTED>,
+    recordings: usize,
+}
+
+/// At most `iterations` Gauss–Newton steps up from `start`; `None` without recordings.
+fn climb(
+    at: &impl Fn(&Vector) -> Vec<Pass>,
+    start: Vector,
+    iterations: usize,
+    progress: &mut dyn FnMut(f64),
+) -> Option<Summit> {
+    let mut best = within_bounds(&start);
     let mut here = at(&best);
     if here.is_empty() {
         return None;
     }
     let mut covariance = SMatrix::zeros();
-    for iteration in 0..ITERATIONS {
-        let share = |part: f64| (iteration as f64 + part) / ITERATIONS as f64;
-        let mut slopes = slopes(&at, &best, &here, &mut |part| progress(share(0.9 * part)));
+    for iteration in 0..iterations {
+        let share = |part: f64| (iteration as f64 + part) / iterations as f64;
+        let mut slopes = slopes(at, &best, &here, &mut |part| progress(share(0.9 * part)));
         let Some(inverse) = damped(&slopes.information).cholesky().map(|c| c.inverse()) else { break };
         covariance = inverse * slopes.outer * inverse.transpose();
         slopes.hold_at_bounds(&best);
@@ -233,18 +253,60 @@ pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMu
             break;
         }
     }
-    let found = constants(&best, start);
-    let held = [start, &found].map(|c| passes(sets, true, c));
+    Some(Summit { constants: best, covariance, recordings: here.len() })
+}
+
+/// Fits by maximum likelihood of each position given those before (the prediction-error decomposition,
+/// Schweppe 1965), by Gauss–Newton steps on the innovations from `start` on: all flights share the constants,
+/// and each flight's own state is left to the filter. The variance of each constant is the sandwich estimator's over
+/// recordings (Huber 1967), or, if that is more, the jackknife's over groups of them (Efron 1982), each fitted
+/// again: a likelihood with bounces in it is no parabola, as the former takes it to be. `progress` is told the share
+/// that is done. `None` without recordings to fit to.
+pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMut(f64)) -> Option<Fit> {
+    let at = |v: &Vector| passes(sets, |r| !is_held_out(r), &constants(v, start));
+    let summit = climb(&at, vector(start), ITERATIONS, &mut |share| progress(0.5 * share))?;
+    let mut variance = summit.covariance.diagonal().map(|v| v.max(0.0));
+    let moved =
+        moved_without_groups(sets, start, &summit.constants, &mut |share| progress(0.5 + 0.45 * share));
+    variance = variance.sup(&moved);
+    let found = constants(&summit.constants, start);
+    let held = [start, &found].map(|c| passes(sets, is_held_out, c));
     let mean = |held: &[Pass]| total(held) / held.iter().map(Pass::positions).sum::<usize>().max(1) as f64;
     let held_out_errors_m = [start, &found].map(|c| held_out_errors(sets, c));
     progress(1.0);
     Some(Fit {
         constants: found,
-        sigma: std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt()),
-        recordings: (here.len(), held[0].len()),
+        sigma: variance.map(f64::sqrt).into(),
+        recordings: (summit.recordings, held[0].len()),
         held_out: (mean(&held[0]), mean(&held[1])),
         held_out_errors_m,
     })
+}
+
+/// The jackknife's variance of each constant: (G − 1) / G times the sum of squares by which it moves when one of G
+/// groups of recordings is left out.
+fn moved_without_groups(
+    sets: &[FitSet<'_>],
+    start: &FlightConstants,
+    best: &Vector,
+    progress: &mut dyn FnMut(f64),
+) -> Vector {
+    // Other bits than those that hold recordings out.
+    let group = |r: &Recording| (name_hash(r) >> 24) % GROUPS;
+    let found: Vec<Vector> = (0..GROUPS)
+        .filter_map(|left_out| {
+            let kept = |r: &Recording| !is_held_out(r) && group(r) != left_out;
+            let at = |v: &Vector| passes(sets, kept, &constants(v, start));
+            let summit = climb(&at, *best, ITERATIONS_WITHOUT, &mut |share| {
+                progress((left_out as f64 + share) / GROUPS as f64);
+            });
+            summit.map(|s| s.constants)
+        })
+        .collect();
+    let n = found.len() as f64;
+    let mean = found.iter().sum::<Vector>() / n.max(1.0);
+    let squares: Vector = found.iter().map(|v| (v - mean).component_mul(&(v - mean))).sum();
+    squares * ((n - 1.0) / n.max(1.0))
 }
 
 /// Median prediction errors over the recordings that are held out.

@@ -23,8 +23,6 @@ const FURTHEST: f64 = 3.0;
 /// Positions from so long before until so long after a drawn prediction are those to compare it with, ns.
 const BEFORE_NS: u64 = 300_000_000;
 const AFTER_NS: u64 = 1_000_000_000;
-/// How far ahead a prediction's error is told, ms.
-const OUTCOMES_MS: [u64; 3] = [100, 300, 500];
 
 const FOUND: RGBColor = RGBColor(230, 110, 20);
 const TRUE: RGBColor = RGBColor(90, 90, 90);
@@ -34,7 +32,7 @@ const LANDING: RGBColor = RGBColor(210, 20, 70);
 /// Three views of the scene, and the errors over time.
 pub(super) struct Drawing<'a> {
     pub(super) content: &'a Content,
-    pub(super) predictions: Vec<&'a BallTrajectory>,
+    pub(super) predictions: &'a [&'a BallTrajectory],
 }
 
 /// From a point of the table frame, m, to a point of the picture's plane, m.
@@ -221,7 +219,7 @@ impl Drawing<'_> {
         area.draw(&Cross::new((60, y), 6, LANDING.stroke_width(2)))?;
         area.draw(&text("where it was predicted to come down", y))?;
         y += 44;
-        for (number, prediction) in (1..).zip(&self.predictions) {
+        for (number, prediction) in (1..).zip(self.predictions) {
             let line = self.outcome(number, prediction);
             area.draw(&Text::new(line, (48, y - 9), (FONT, 17).into_font().color(&PREDICTED)))?;
             y += 28;
@@ -231,18 +229,9 @@ impl Drawing<'_> {
 
     /// One prediction in words: when, and how far it was off.
     fn outcome(&self, number: u32, prediction: &BallTrajectory) -> String {
-        let made_ns = prediction.stamps.mid_exposure_ns;
-        let at_s = made_ns.saturating_sub(self.content.start_ns()) as f64 * 1e-9;
-        let off = OUTCOMES_MS.map(|ms| {
-            let point = prediction.path().iter().find(|p| p.t_ns >= made_ns + ms * 1_000_000)?;
-            if point.t_ns > self.content.judged_until_ns(prediction) {
-                return None;
-            }
-            let truth = self.content.truth_at(point.t_ns)?;
-            let squares = point.position_m.iter().zip(truth).map(|(a, b)| (a - b).powi(2));
-            Some(format!("{:.0} mm after {ms} ms", 1e3 * squares.sum::<f64>().sqrt()))
-        });
-        let off = off.into_iter().flatten().collect::<Vec<_>>().join(", ");
+        let at_s = self.content.seconds(prediction.stamps.mid_exposure_ns);
+        let off = self.content.prediction_errors(prediction).into_iter();
+        let off = off.map(|(ms, mm)| format!("{mm:.0} mm after {ms} ms")).collect::<Vec<_>>().join(", ");
         let off = if off.is_empty() { String::new() } else { format!(", off by {off}") };
         format!("{number}: made at {at_s:.2} s{off}")
     }
@@ -250,12 +239,9 @@ impl Drawing<'_> {
     fn errors<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
         let errors = self.content.errors();
         let last_s = errors.last().map_or(1.0, |(t, _)| t.max(0.1));
-        let mut sorted = errors.iter().map(|(_, e)| *e).collect::<Vec<_>>();
-        sorted.sort_by(f64::total_cmp);
-        let at = |q: f64| sorted.get((q * sorted.len().saturating_sub(1) as f64).round() as usize).copied();
-        let (median, p95) = (at(0.5).unwrap_or(0.0), at(0.95).unwrap_or(0.0));
+        let (median, p95) = self.content.error_quantiles().unwrap_or_default();
         let top = (2.0 * p95).max(1.0);
-        let beyond = sorted.len() - sorted.partition_point(|e| *e <= top);
+        let beyond = errors.iter().filter(|(_, e)| *e > top).count();
         let beyond = if beyond > 0 { format!("; {beyond} beyond the scale") } else { String::new() };
         let title = format!("measured against the truth (mm): median {median:.2}, 95 % {p95:.2}{beyond}");
         let mut chart = ChartBuilder::on(area)

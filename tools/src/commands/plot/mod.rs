@@ -3,7 +3,10 @@
 mod content;
 mod drawing;
 
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
+
+use netcord_common::wire::BallTrajectory;
+use serde_json::{Map, json};
 
 use self::{content::Content, drawing::Drawing};
 use crate::{
@@ -26,6 +29,10 @@ pub struct Args {
     /// spread over those that have one.
     #[arg(long, value_name = "S,S,…", value_delimiter = ',')]
     at: Vec<f64>,
+
+    /// Where the errors that are drawn are written as JSON.
+    #[arg(long, value_name = "R.json")]
+    report: Option<PathBuf>,
 }
 
 /// Runs `netcord plot`.
@@ -42,7 +49,23 @@ pub fn run(args: &Args) -> CommandResult {
     }
     let predictions = content.predictions_at(&args.at);
     let size = if content.truth.is_empty() { (1400, 1000) } else { (1400, 1300) };
-    plot::draw(&out, size, &Drawing { content: &content, predictions })?;
+    plot::draw(&out, size, &Drawing { content: &content, predictions: &predictions })?;
+    if let Some(path) = &args.report {
+        let of = |prediction: &&BallTrajectory| {
+            let off = content.prediction_errors(prediction);
+            let off = off.into_iter().map(|(ms, mm)| (ms.to_string(), json!(mm))).collect::<Map<_, _>>();
+            json!({ "made_at_s": content.seconds(prediction.stamps.mid_exposure_ns), "error_mm": off })
+        };
+        let report = json!({
+            "positions": content.positions.len(),
+            "position_error_mm": content.error_quantiles().map(|(median, p95)| json!({
+                "median": median, "p95": p95, "n": content.errors().len(),
+            })),
+            "predictions": predictions.iter().map(of).collect::<Vec<_>>(),
+        });
+        fs::write(path, format!("{report:#}\n"))
+            .map_err(|cause| format!("cannot write {}: {cause}", path.display()))?;
+    }
     println!("{}: {} positions", out.display(), content.positions.len());
     Ok(Outcome::Good)
 }

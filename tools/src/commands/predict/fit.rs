@@ -1,6 +1,9 @@
 //! `--fit`: physical constants from recorded flights, into the rig file.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::Vector3;
 use netcord_common::rig::RigEdit;
@@ -8,6 +11,7 @@ use netcord_detect::flight::recorded::{
     EvaluateOptions, FITTED_NAMES, FitSet, HORIZONS_MS, Pace, find_noise, find_table, fit, fitted_values,
 };
 use serde_json::{Map, Value, json};
+use thiserror::Error;
 
 use super::files::Set;
 use crate::{
@@ -22,6 +26,33 @@ pub struct Outputs<'a> {
     pub report: Option<&'a Path>,
     /// The rig file that is given the constants.
     pub rig: Option<&'a Path>,
+    /// It is given them even if they predict worse.
+    pub force: bool,
+}
+
+/// Constants that were not written.
+#[derive(Debug, Error)]
+pub enum NotWritten {
+    /// They predict worse.
+    #[error(
+        "{rig} was not written: the flights that were held out are predicted {percent:.1} % worse with these \
+         constants than with those before; --force writes them all the same"
+    )]
+    Worse {
+        /// The rig file.
+        rig: PathBuf,
+        /// By how much the error grows.
+        percent: f64,
+    },
+    /// Nobody knows how they predict.
+    #[error(
+        "{rig} was not written: none of the flights that were held out is long enough to tell whether these \
+         constants predict better than those before; give more flights, or --force"
+    )]
+    Untold {
+        /// The rig file.
+        rig: PathBuf,
+    },
 }
 
 /// Fits, prints the `[flight]` lines of a rig file, and writes the report and the rig file.
@@ -83,18 +114,33 @@ pub fn run(
             "constants": constants,
             "recordings": { "fitted": fitted, "held_out": held },
             "held_out_nll_per_position": { "before": before, "after": after },
+            "held_out_growth": found.held_out_growth(),
             "held_out_error_mm": { "before": errors_before, "after": errors_after },
         });
         fs::write(path, format!("{:#}\n", Value::clone(&report)))?;
     }
+    let growth = found.held_out_growth();
+    if let Some(growth) = growth {
+        let (percent, word) = ((growth - 1.0).abs() * 100.0, if growth > 1.0 { "worse" } else { "better" });
+        println!("# over all horizons they are predicted {percent:.1} % {word}");
+    }
     if let Some(mut edit) = rig {
+        let path = outputs.rig.unwrap_or(Path::new(""));
+        match growth {
+            _ if outputs.force => {}
+            Some(growth) if growth <= 1.0 => {}
+            Some(growth) => {
+                let percent = (growth - 1.0) * 100.0;
+                return Err(NotWritten::Worse { rig: path.to_owned(), percent }.into());
+            }
+            None => return Err(NotWritten::Untold { rig: path.to_owned() }.into()),
+        }
         for ((name, value), sigma) in FITTED_NAMES.iter().zip(fitted_values(c)).zip(found.sigma) {
             edit.set_flight(name, rounded(value), &format!("± {sigma:.4}, fitted to {fitted} recordings"));
         }
         edit.set_flight("gravity_m_s2", c.gravity_m_s2, "");
         edit.clone().with_nominal_calibration().resolve()?;
         edit.save()?;
-        let path = outputs.rig.unwrap_or(Path::new(""));
         println!("# written to {}; the old one is kept beside it as .bak", path.display());
     }
     Ok(Outcome::Good)

@@ -38,9 +38,14 @@ pub struct Args {
     fit: Vec<PathBuf>,
 
     /// Writes what --fit found into the [flight] table of this rig file; the old file is kept as RIG.toml.bak.
-    /// The fit starts from the constants of --rig, or else of this file.
+    /// The fit starts from the constants of --rig, or else of this file. Refused where the flights that were held
+    /// out are predicted worse with them.
     #[arg(long, value_name = "RIG.toml", requires = "fit")]
     write: Option<PathBuf>,
+
+    /// Has --write write constants that predict the flights that were held out worse than those before.
+    #[arg(long, requires = "write")]
+    force: bool,
 
     /// Where the figures of --evaluate or --fit are written, as JSON; a plot of the errors beside it, as PNG.
     #[arg(long, value_name = "R.json")]
@@ -75,7 +80,8 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if !args.fit.is_empty() {
         let sets = files::load(&args.fit)?;
-        let outputs = fit::Outputs { report: args.report.as_deref(), rig: args.write.as_deref() };
+        let outputs =
+            fit::Outputs { report: args.report.as_deref(), rig: args.write.as_deref(), force: args.force };
         return fit::run(&sets, &args.evaluate_options()?, args.sigma, outputs);
     }
     let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;

@@ -121,8 +121,9 @@ mod tests {
             Some(["left", "right"].contains(&name) && ["image", "calibration", "annotations"].contains(&kind))
         };
         for topic in all.iter().filter(|text| text.starts_with('/')) {
-            let is_served =
-                topic == "/scene" || topic.starts_with("/statistics.") || camera(topic) == Some(true);
+            let is_served = topic.starts_with("/scene/")
+                || topic.starts_with("/statistics.")
+                || camera(topic) == Some(true);
             assert!(is_served, "{topic} is not served");
         }
     }

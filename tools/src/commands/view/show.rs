@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::preview::{Preview, PreviewOptions};
 use crate::{
     observer::{FrameReport, LatencyReport, Observed, Observer, Tally},
-    recording::{Scene, annotations, world_frame_id},
+    recording::{BALL_TOPIC, PATH_TOPIC, Scene, TABLE_TOPIC, annotations, world_frame_id},
     stage::Stage,
 };
 
@@ -29,7 +29,9 @@ pub(super) struct Show {
     cameras: Vec<CameraShow>,
     observer: Observer,
     scene: Scene,
-    scene_channel: Channel<SceneUpdate>,
+    table: Channel<SceneUpdate>,
+    ball: Channel<SceneUpdate>,
+    path: Channel<SceneUpdate>,
     transforms: Channel<FrameTransform>,
     statistics: std::sync::Arc<RawChannel>,
     preview_every: Duration,
@@ -84,7 +86,9 @@ impl Show {
             cameras: rig.cameras.iter().map(camera).collect::<Result<_, BusError>>()?,
             observer: Observer::attach(bus, rig)?,
             scene: Scene::new(rig),
-            scene_channel: ChannelBuilder::new("/scene").build(),
+            table: ChannelBuilder::new(TABLE_TOPIC).build(),
+            ball: ChannelBuilder::new(BALL_TOPIC).build(),
+            path: ChannelBuilder::new(PATH_TOPIC).build(),
             transforms: ChannelBuilder::new("/tf").build(),
             statistics,
             preview_every: Duration::from_secs_f64(1.0 / options.rate_hz),
@@ -114,7 +118,7 @@ impl Show {
 
     /// Ball and path go out as they come; boxes wait for their picture.
     fn observe(&mut self, tally: &mut Tally, newest_ns: &mut u64) -> Result<(), BusError> {
-        let Self { observer, scene, scene_channel, cameras, .. } = self;
+        let Self { observer, scene, ball: ball_channel, path: path_channel, cameras, .. } = self;
         observer.drain(&mut |seen| {
             tally.see(&seen);
             match seen {
@@ -122,12 +126,12 @@ impl Show {
                     let stamp_ns = position.stamps.mid_exposure_ns;
                     *newest_ns = stamp_ns;
                     if let Some(ball) = scene.ball(position) {
-                        scene_channel.log_with_time(&ball, stamp_ns);
+                        ball_channel.log_with_time(&ball, stamp_ns);
                     }
                 }
                 Observed::Trajectory(trajectory) => {
                     if let Some(path) = scene.path(trajectory) {
-                        scene_channel.log_with_time(&path, trajectory.stamps.mid_exposure_ns);
+                        path_channel.log_with_time(&path, trajectory.stamps.mid_exposure_ns);
                     }
                 }
                 Observed::Detections(detections) if detections.scope == Scope::Full.code() => {
@@ -143,7 +147,7 @@ impl Show {
     /// Table, poses and calibration.
     fn stand(&self, stamp_ns: u64) {
         if let Some(table) = self.scene.table(stamp_ns) {
-            self.scene_channel.log_with_time(&table, stamp_ns);
+            self.table.log_with_time(&table, stamp_ns);
         }
         let parent = world_frame_id(&self.rig);
         for (camera, rig_camera) in self.cameras.iter().zip(&self.rig.cameras) {
