@@ -214,8 +214,9 @@ fn total(passes: &[Pass]) -> f64 {
 /// Where a search ended.
 struct Summit {
     constants: Vector,
-    /// Sandwich estimate (Huber 1967) of the constants' covariance: recordings are independent, positions are not.
-    covariance: SMatrix<f64, FITTED, FITTED>,
+    /// Variance of each constant: the sandwich estimate (Huber 1967), since recordings are independent and positions
+    /// are not, or the inverse information, if that is more: few recordings scatter too little.
+    variance: Vector,
     recordings: usize,
 }
 
@@ -231,12 +232,13 @@ fn climb(
     if here.is_empty() {
         return None;
     }
-    let mut covariance = SMatrix::zeros();
+    let mut variance = Vector::zeros();
     for iteration in 0..iterations {
         let share = |part: f64| (iteration as f64 + part) / iterations as f64;
         let mut slopes = slopes(at, &best, &here, &mut |part| progress(share(0.9 * part)));
         let Some(inverse) = damped(&slopes.information).cholesky().map(|c| c.inverse()) else { break };
-        covariance = inverse * slopes.outer * inverse.transpose();
+        let sandwich = inverse * slopes.outer * inverse.transpose();
+        variance = sandwich.diagonal().sup(&inverse.diagonal()).map(|v| v.max(0.0));
         slopes.hold_at_bounds(&best);
         let Some(step) = damped(&slopes.information).cholesky().map(|c| c.solve(&slopes.gradient)) else {
             break;
@@ -253,7 +255,7 @@ fn climb(
             break;
         }
     }
-    Some(Summit { constants: best, covariance, recordings: here.len() })
+    Some(Summit { constants: best, variance, recordings: here.len() })
 }
 
 /// Fits by maximum likelihood of each position given those before (the prediction-error decomposition,
@@ -265,10 +267,9 @@ fn climb(
 pub fn fit(sets: &[FitSet<'_>], start: &FlightConstants, progress: &mut dyn FnMut(f64)) -> Option<Fit> {
     let at = |v: &Vector| passes(sets, |r| !is_held_out(r), &constants(v, start));
     let summit = climb(&at, vector(start), ITERATIONS, &mut |share| progress(0.5 * share))?;
-    let mut variance = summit.covariance.diagonal().map(|v| v.max(0.0));
     let moved =
         moved_without_groups(sets, start, &summit.constants, &mut |share| progress(0.5 + 0.45 * share));
-    variance = variance.sup(&moved);
+    let variance = summit.variance.sup(&moved);
     let found = constants(&summit.constants, start);
     let held = [start, &found].map(|c| passes(sets, is_held_out, c));
     let mean = |held: &[Pass]| total(held) / held.iter().map(Pass::positions).sum::<usize>().max(1) as f64;
