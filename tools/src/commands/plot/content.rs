@@ -163,7 +163,7 @@ fn distance_mm(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use netcord_common::wire::PathPoint;
+    use netcord_common::wire::{MAX_PATH, PathPoint};
 
     use super::*;
 
@@ -195,8 +195,8 @@ mod tests {
             content.positions.push(position);
             let mut trajectory = BallTrajectory { flight_id: u64::from(k >= hit), ..Default::default() };
             trajectory.stamps.mid_exposure_ns = t_ns;
-            trajectory.path_len = 40;
-            for (i, point) in trajectory.path[..40].iter_mut().enumerate() {
+            trajectory.path_len = MAX_PATH as u32;
+            for (i, point) in trajectory.path.iter_mut().enumerate() {
                 let at_ns = t_ns + (i as u64 + 1) * 2 * STEP_NS;
                 *point = PathPoint { t_ns: at_ns, position_m: off(ball(at_ns), PATH_OFF), ..*point };
             }
