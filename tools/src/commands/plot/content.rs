@@ -211,7 +211,7 @@ mod tests {
         let errors = content.errors();
         assert_eq!(errors.len(), 100);
         assert!(errors.iter().all(|(_, mm)| (mm - 5.0).abs() < 1e-9), "{errors:?}");
-        assert!((errors[99].0 - 0.99).abs() < 1e-9, "the errors' instants: {:?}", errors[99]);
+        assert!((errors[99].0 - 0.990_001).abs() < 1e-9, "the errors' instants: {:?}", errors[99]);
         let (median, p95) = content.error_quantiles().expect("a truth");
         assert!((median - 5.0).abs() < 1e-9 && (p95 - 5.0).abs() < 1e-9);
         let [early, late] = content.predictions_at(&[0.2, 0.8])[..] else { panic!("two were asked for") };
