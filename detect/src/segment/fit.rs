@@ -13,6 +13,8 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx2Lanes};
+#[cfg(target_arch = "aarch64")]
+use super::lanes::{Neon, NeonLanes};
 use super::{
     lanes::{LANES, Lanes, Plain, PlainLanes},
     patch::{CHANNELS, Patch},
@@ -246,6 +248,11 @@ impl Sums {
         if let Some(level) = Avx2::detect() {
             // SAFETY: just asked.
             unsafe { accumulate_avx2(level, patch, sweep, shading, scale, &mut sums) };
+            return sums;
+        }
+        #[cfg(target_arch = "aarch64")]
+        if let Some(level) = Neon::detect() {
+            accumulate_body::<NeonLanes>(level, patch, sweep, shading, scale, &mut sums);
             return sums;
         }
         accumulate_body::<PlainLanes>(Plain, patch, sweep, shading, scale, &mut sums);
@@ -535,4 +542,30 @@ fn moved(from: &Sweep, step: &[f64; OUTLINE]) -> (Sweep, [f64; OUTLINE]) {
         angle: from.angle + taken[4] as f32,
     };
     (sweep, taken)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_give_the_sums_of_plain_rust() {
+        let shading = [[90.0, 4.0, -3.0, 60.0, 5.0, -8.0]; CHANNELS];
+        for seed in 0..20 {
+            let patch = Patch::of_noise(seed);
+            let sweep = Sweep { centre: [0.3, -1.2], radius: 7.0, length: seed as f32, angle: 0.4 };
+            let mut plain = Sums::EMPTY;
+            accumulate_body::<PlainLanes>(Plain, &patch, &sweep, &shading, 1.6, &mut plain);
+            let vectors = Sums::over(&patch, &sweep, &shading, 1.6);
+            assert!(plain.weight > 0.0 && plain.outline[0][0] > 0.0);
+            assert_eq!(
+                (vectors.outline, vectors.outline_residual, vectors.mixed),
+                (plain.outline, plain.outline_residual, plain.mixed)
+            );
+            assert_eq!(
+                (vectors.shading, vectors.shading_residual, vectors.cost, vectors.weight),
+                (plain.shading, plain.shading_residual, plain.cost, plain.weight)
+            );
+        }
+    }
 }

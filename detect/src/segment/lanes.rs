@@ -5,6 +5,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod plain;
 #[cfg(test)]
 mod tests;
@@ -13,6 +15,8 @@ use std::ops::{Add, Mul, Sub};
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::{Avx2, Avx2Lanes};
+#[cfg(target_arch = "aarch64")]
+pub use neon::{Neon, NeonLanes};
 pub use plain::{Plain, PlainLanes};
 
 /// Lanes of one vector.

@@ -167,6 +167,25 @@ impl Patch {
     }
 }
 
+#[cfg(test)]
+impl Patch {
+    /// Pixels of any level, on a square of 40 px around the origin: for tests of sums over them.
+    pub fn of_noise(seed: u64) -> Self {
+        use rand::{RngExt as _, SeedableRng as _};
+
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        let mut patch = Self::new();
+        for i in 0..1600 {
+            let rectified = [(i % 40) as f32 - 19.5, (i / 40) as f32 - 19.5];
+            let channel = rng.random_range(0..CHANNELS);
+            let [seen, background] = [(); 2].map(|()| rng.random_range(0.0..255.9_f32).floor());
+            patch.push(&Sample { rectified, channel, seen, background });
+        }
+        patch.finish(|seen, background| 1.0 + 0.01 * (seen + background));
+        patch
+    }
+}
+
 /// How far around a sweep pixels are looked at: the background beside the ball must be seen to be free.
 pub fn margin(radius: f32) -> f32 {
     (0.35 * radius).clamp(2.5, 7.0)

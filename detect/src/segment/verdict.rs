@@ -1,5 +1,7 @@
 #[cfg(target_arch = "x86_64")]
 use super::lanes::{Avx2, Avx2Lanes};
+#[cfg(target_arch = "aarch64")]
+use super::lanes::{Neon, NeonLanes};
 use super::{
     fit::Fit,
     lanes::{LANES, Lanes, Plain, PlainLanes},
@@ -42,6 +44,10 @@ impl Verdict {
         if let Some(level) = Avx2::detect() {
             // SAFETY: just asked.
             return unsafe { verdict_avx2(level, patch, fit) };
+        }
+        #[cfg(target_arch = "aarch64")]
+        if let Some(level) = Neon::detect() {
+            return verdict_body::<NeonLanes>(level, patch, fit);
         }
         verdict_body::<PlainLanes>(Plain, patch, fit)
     }
@@ -118,4 +124,28 @@ fn verdict_body<L: Lanes>(level: L::Level, patch: &Patch, fit: &Fit) -> Verdict 
     out.hidden = hidden.sum() / inside.sum().max(1.0);
     out.saturated = saturated.sum() > 0.0;
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{fit::OUTLINE, sweep::Sweep},
+        *,
+    };
+
+    #[test]
+    fn vectors_give_the_verdict_of_plain_rust() {
+        for seed in 0..20 {
+            let patch = Patch::of_noise(seed);
+            let fit = Fit {
+                sweep: Sweep { centre: [0.3, -1.2], radius: 7.0, length: seed as f32, angle: 0.4 },
+                shading: [[90.0, 4.0, -3.0, 60.0, 5.0, -8.0]; CHANNELS],
+                covariance: [[0.0; OUTLINE]; OUTLINE],
+                chi2: 1.0,
+            };
+            let plain = verdict_body::<PlainLanes>(Plain, &patch, &fit);
+            // Printed, numbers are apart where their bits are.
+            assert_eq!(format!("{:?}", Verdict::of(&patch, &fit)), format!("{plain:?}"));
+        }
+    }
 }

@@ -121,7 +121,7 @@ impl Kernel {
             Self::Avx2 => unsafe { avx2::foreground(rows, background, zones, zone_px, ahead_px, words) },
             // SAFETY: `detect` gives Neon only where the processor has it; the lengths are checked above.
             #[cfg(target_arch = "aarch64")]
-            Self::Neon => unsafe { neon::foreground(rows, background, zones, zone_px, words) },
+            Self::Neon => unsafe { neon::foreground(rows, background, zones, zone_px, ahead_px, words) },
         }
     }
 
@@ -143,9 +143,9 @@ impl Kernel {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => unsafe { avx2::foreground_among(rows, background, zones, zone_px, words) },
-            // Few words are looked at so.
+            // SAFETY: as above.
             #[cfg(target_arch = "aarch64")]
-            Self::Neon => plain::foreground_among(rows, background, zones, zone_px, words, 0),
+            Self::Neon => unsafe { neon::foreground_among(rows, background, zones, zone_px, words) },
         }
     }
 
@@ -181,10 +181,9 @@ impl Kernel {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => unsafe { avx2::learn(row, background, tables, patience) },
-            // NEON has no advantage here worth a second version: one row in sixteen is learnt from, and the
-            // plain loop has no branches.
+            // SAFETY: as above.
             #[cfg(target_arch = "aarch64")]
-            Self::Neon => plain::learn(row, background, tables, patience),
+            Self::Neon => unsafe { neon::learn(row, background, tables, patience) },
         }
     }
 
@@ -194,7 +193,10 @@ impl Kernel {
             // SAFETY: `detect` gives Avx2 only where the processor has it.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => unsafe { avx2::prefetch_all(bytes) },
-            _ => {}
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => neon::prefetch_all(bytes),
+            // Rust has no portable way to ask.
+            Self::Plain => {}
         }
     }
 
@@ -209,9 +211,9 @@ impl Kernel {
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => unsafe { avx2::probe(row, level, tables) },
-            // Compilers turn these sums into NEON by themselves, and few pixels are probed.
+            // SAFETY: as above.
             #[cfg(target_arch = "aarch64")]
-            Self::Neon => plain::probe(row, level, tables),
+            Self::Neon => unsafe { neon::probe(row, level, tables) },
         }
     }
 
