@@ -42,7 +42,6 @@ pub fn run(
         .collect::<Result<Vec<_>, _>>()?;
     let [received, lost, late, predicted, present] =
         ["positions", "lost_overflow", "late", "trajectories", "windows"].map(|name| counters.register(name));
-    let allocations = counters.register("allocations");
     let mut health = HealthReporter::open(bus, "predict", counters)?;
     let mut predictor = Predictor::new(rig, options);
     let mut gaps = SequenceGaps::new();
@@ -77,7 +76,6 @@ pub fn run(
                 present.add(u64::from(window.present));
             }
         }
-        allocations.add(netcord_common::allocations().saturating_sub(allocations.get()));
         health.tick(clock.now().as_ns())?;
     }
     counters.set_state(ProcessState::Stopping);

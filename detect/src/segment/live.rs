@@ -11,7 +11,6 @@ use std::{
 
 use netcord_common::{
     CameraName, Clock, Count, Counters, FrameView, FrameViewError, HealthReporter, MonotonicClock, Shutdown,
-    allocations,
     bus::{Bus, BusError, FrameSubscriber, Publisher, SequenceGaps, Subscriber, Topic},
     realtime,
     rig::{Rig, RigCamera},
@@ -89,7 +88,6 @@ pub fn run(
         .collect::<Result<Vec<_>, _>>()?;
     let process = options.camera.as_ref().map_or("segment".to_owned(), |name| format!("segment:{name}"));
     let mut health = HealthReporter::open(bus, &process, counters)?;
-    let allocated = counters.register("allocations");
 
     counters.set_state(ProcessState::Running);
     health.publish(MonotonicClock.now().as_ns())?;
@@ -112,7 +110,6 @@ pub fn run(
         }
         while !stop.is_requested() && !ended.load(Ordering::Relaxed) {
             thread::sleep(LONGEST_WAIT / 2);
-            allocated.add(allocations().saturating_sub(allocated.get()));
             if let Err(error) = health.tick(MonotonicClock.now().as_ns()) {
                 failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
                 break;

@@ -68,7 +68,7 @@ pub struct Accuracy {
     pub trials: usize,
 }
 
-/// A rig whose cameras are posed, and what they are called.
+/// The cameras of a rig, posed in its world.
 pub fn posed_cameras(rig: &Rig) -> Vec<PosedCamera> {
     rig.cameras.iter().map(|c| PosedCamera::new(c.model, &c.camera_from_world)).collect()
 }
@@ -159,20 +159,28 @@ pub fn accuracy(
 }
 
 /// Time that a method takes from raw pixels to a point, s: the fastest of several rounds over many
-/// points, so that what else the machine does is left out.
-pub fn seconds_per_point(rig: &Rig, method: &dyn Method, seed: u64) -> f64 {
+/// points, so that what else the machine does is left out; `None` where too few points around the table's
+/// middle are before all cameras.
+pub fn seconds_per_point(rig: &Rig, method: &dyn Method, seed: u64) -> Option<f64> {
     const POINTS: usize = 256;
+    const MOST_TRIED: usize = 100 * POINTS;
     const ROUNDS: usize = 30;
     let cameras = posed_cameras(rig);
     let mut random = Pcg64::seed_from_u64(seed);
-    let mut pixels = Vec::new();
-    while pixels.len() < POINTS {
+    let mut pixels = Vec::with_capacity(POINTS);
+    for _ in 0..MOST_TRIED {
         let at = Point::from(normal3(&mut random).component_mul(&Vector3::new(0.3, 0.5, 0.1)));
         let seen: Vec<_> = cameras.iter().map_while(|c| c.project(&at)).collect();
         if seen.len() == cameras.len() {
             let noisy = |p: Vector2<f64>| p + Vector2::new(normal(&mut random), normal(&mut random)) * 0.3;
             pixels.push(seen.into_iter().map(noisy).collect::<Vec<_>>());
         }
+        if pixels.len() == POINTS {
+            break;
+        }
+    }
+    if pixels.len() < POINTS {
+        return None;
     }
     let covariance = Matrix2::identity() * 0.09;
     let mut fastest = f64::INFINITY;
@@ -193,7 +201,7 @@ pub fn seconds_per_point(rig: &Rig, method: &dyn Method, seed: u64) -> f64 {
         }
         fastest = fastest.min(start.elapsed().as_secs_f64() / POINTS as f64);
     }
-    fastest
+    Some(fastest)
 }
 
 /// The methods that take this many views.
@@ -233,6 +241,16 @@ mod tests {
         let off = accuracy(&rig, &Reprojection, &at, &off, 3).expect("in view");
         assert!(off.bias_m > 0.7e-3 && off.rms_m > off.bias_m && off.p95_m > off.rms_m, "{off:?}");
         assert_eq!((noise.found, noise.trials), (2000, 2000));
+    }
+
+    #[test]
+    fn cameras_that_look_away_from_the_table_have_no_time_instead_of_an_endless_search() {
+        let (mut rig, _) = example(2);
+        assert!(seconds_per_point(&rig, &RtSymmetric, 1).is_some());
+        let turn = Rotation3::new(Vector3::y() * std::f64::consts::PI);
+        let pose = &mut rig.cameras[1].camera_from_world;
+        *pose = Transform::new(turn * pose.rotation, turn * pose.translation);
+        assert_eq!(seconds_per_point(&rig, &RtSymmetric, 1), None);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::{sync::Arc, time::Duration};
 
 use netcord_common::{
-    Clock, Count, Counters, HealthReporter, MonotonicClock, Shutdown, allocations,
+    Clock, Count, Counters, HealthReporter, MonotonicClock, Shutdown,
     bus::{Bus, BusError, Listen, SequenceGaps, Topic, wait_any},
     realtime,
     rig::Rig,
@@ -18,7 +18,8 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 /// A position takes a few microseconds, and comes before the rest of a frame that another thread searches.
 const TURN: Duration = Duration::from_micros(100);
 
-/// Runs the triangulator of a rig until `stop` is requested; `on_ready` is called once, when it listens. Counts on `rig/health` what was lost and why.
+/// Runs the triangulator of a rig until `stop` is requested; `on_ready` is called once, when it listens. Counts on
+/// `rig/health` what was lost and why.
 ///
 /// # Errors
 /// [`BusError`], also when another triangulator runs in the domain.
@@ -119,7 +120,6 @@ struct Tally {
     unsynchronised: Count,
     from_windows: Count,
     distrusted: Vec<Count>,
-    allocations: Count,
 }
 
 impl Tally {
@@ -136,7 +136,6 @@ impl Tally {
             unsynchronised: counters.register("triggers_unsynchronised"),
             from_windows: counters.register("positions_from_windows"),
             distrusted: per_camera("triggers_distrusted"),
-            allocations: counters.register("allocations"),
         }
     }
 
@@ -147,7 +146,6 @@ impl Tally {
             (&self.incomplete, counts.incomplete),
             (&self.unsynchronised, counts.unsynchronised),
             (&self.from_windows, counts.from_windows),
-            (&self.allocations, allocations()),
         ];
         for (count, value) in pairs {
             count.add(value.saturating_sub(count.get()));

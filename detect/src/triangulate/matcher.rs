@@ -43,8 +43,8 @@ pub struct MatcherCounts {
 
 #[derive(Debug)]
 struct Slot {
-    /// 0: free.
-    trigger_id: u64,
+    /// `None`: it is free.
+    trigger_id: Option<u64>,
     full: Vec<Detections>,
     window: Vec<Detections>,
     /// Bit i: `full[i]` holds.
@@ -62,7 +62,7 @@ struct Slot {
 impl Slot {
     fn new(cameras: usize) -> Self {
         Self {
-            trigger_id: 0,
+            trigger_id: None,
             full: vec![Detections::default(); cameras],
             window: vec![Detections::default(); cameras],
             has_full: 0,
@@ -76,7 +76,7 @@ impl Slot {
     }
 
     fn begin(&mut self, trigger_id: u64, now_ns: u64) {
-        self.trigger_id = trigger_id;
+        self.trigger_id = Some(trigger_id);
         (self.has_full, self.has_window, self.missing) = (0, 0, 0);
         (self.unsynchronised, self.windows_tried, self.published) = (false, false, false);
         self.last_arrival_ns = now_ns;
@@ -175,13 +175,13 @@ impl Matcher {
 
     /// The slot of a trigger; `None` when it has been decided and let go.
     fn slot(&mut self, trigger_id: u64, now_ns: u64) -> Option<usize> {
-        if let Some(i) = self.slots.iter().position(|s| s.trigger_id == trigger_id && trigger_id != 0) {
+        if let Some(i) = self.slots.iter().position(|s| s.trigger_id == Some(trigger_id)) {
             return Some(i);
         }
         if trigger_id <= self.decided {
             return None;
         }
-        let free = self.slots.iter().position(|s| s.trigger_id == 0);
+        let free = self.slots.iter().position(|s| s.trigger_id.is_none());
         // All in use: one that has been decided only waits to be looked around in, and one of which only
         // capture's verdict is there has no segmenter behind it.
         let i = free.or_else(|| {
@@ -196,11 +196,10 @@ impl Matcher {
     pub fn next(&mut self, now_ns: u64) -> Option<BallPosition> {
         loop {
             self.look_around();
-            let oldest = |s: &&Slot| s.trigger_id != 0 && !s.published;
-            let trigger_id = self.slots.iter().filter(oldest).map(|s| s.trigger_id).min()?;
-            let i = self.slots.iter().position(|s| s.trigger_id == trigger_id)?;
-            let Some(position) = self.decide(i, now_ns) else {
-                // It waits; so do later ones, unless one of those is complete and nothing more can come.
+            let waiting = self.slots.iter().enumerate().filter(|(_, s)| !s.published);
+            let (trigger_id, i) = waiting.filter_map(|(i, s)| Some((s.trigger_id?, i))).min()?;
+            let Some(position) = self.decide(i, trigger_id, now_ns) else {
+                // It waits, and so do later ones: positions come in the order of their triggers.
                 return None;
             };
             self.decided = trigger_id;
@@ -212,16 +211,15 @@ impl Matcher {
 
     /// When [`Self::next`] will have something to give although nothing arrives, if ever.
     pub fn deadline_ns(&self) -> Option<u64> {
-        let waiting = self.slots.iter().filter(|s| s.trigger_id != 0 && !s.published && s.seen() != 0);
+        let waiting = self.slots.iter().filter(|s| s.trigger_id.is_some() && !s.published && s.seen() != 0);
         waiting.map(|s| s.due_ns(self.patience_ns)).min()
     }
 
-    /// Decides the trigger of slot `i`: `None` while it waits, `Some(None)` when there is nothing to say.
-    fn decide(&mut self, i: usize, now_ns: u64) -> Option<Option<BallPosition>> {
+    /// Decides the trigger, which has slot `i`: `None` while it waits, `Some(None)` when there is nothing to say.
+    fn decide(&mut self, i: usize, trigger_id: u64, now_ns: u64) -> Option<Option<BallPosition>> {
         let slot = &mut self.slots[i];
-        let passed = (0..MAX_CAMERAS)
-            .filter(|c| self.newest[*c] > slot.trigger_id)
-            .fold(0_u32, |bits, c| bits | 1 << c);
+        let passed =
+            (0..MAX_CAMERAS).filter(|c| self.newest[*c] > trigger_id).fold(0_u32, |bits, c| bits | 1 << c);
         let expected = self.cameras & !slot.missing & !(passed & !slot.has_full);
         let due = slot.seen() != 0 && now_ns >= slot.due_ns(self.patience_ns);
         let forced = slot.unsynchronised && self.cameras.count_ones() == 2;
@@ -246,7 +244,7 @@ impl Matcher {
         let seen = slot.seen();
         if seen == 0 {
             // A verdict of capture's and no detection: the segmenters have nothing to say of it.
-            slot.trigger_id = 0;
+            slot.trigger_id = None;
             return Some(None);
         }
         self.counts.incomplete += u64::from(seen & self.cameras != self.cameras);
@@ -260,25 +258,20 @@ impl Matcher {
         });
         position.stamps.triangulate_start_ns = now_ns;
         self.counts.unsynchronised += u64::from(position.reason == NoPosition::NotSynchronised.code());
-        slot.trigger_id = 0;
+        slot.trigger_id = None;
         Some(Some(position))
     }
 
     /// Learns from the full searches of triggers that were decided by their windows, and lets them go.
     fn look_around(&mut self) {
         for slot in &mut self.slots {
-            if !slot.published {
-                continue;
-            }
+            let Some(trigger_id) = slot.trigger_id.filter(|_| slot.published) else { continue };
             if slot.has_full & self.cameras == self.cameras {
                 let triangulator = &mut self.triangulator;
                 slot.with_messages(slot.has_full, 0, |d| triangulator.look_around(d));
-                slot.trigger_id = 0;
-            } else if self.newest.iter().any(|n| *n > slot.trigger_id + 2) {
-                slot.trigger_id = 0;
-            }
-            if slot.trigger_id == 0 {
-                slot.published = false;
+                (slot.trigger_id, slot.published) = (None, false);
+            } else if self.newest.iter().any(|n| *n > trigger_id + 2) {
+                (slot.trigger_id, slot.published) = (None, false);
             }
         }
     }

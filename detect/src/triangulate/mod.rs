@@ -20,6 +20,7 @@ mod camera;
 pub mod comparison;
 mod consensus;
 mod estimate;
+mod evidence;
 pub mod live;
 mod matcher;
 #[cfg(test)]

@@ -9,7 +9,8 @@ use netcord_common::{
 
 use super::{
     Estimate, Method, Observation, PosedCamera, RigWatch, TriangulateOptions,
-    consensus::{ABSENT, Candidate, MAX_SUBSETS, Obstacles, Subset, observations_of, search},
+    consensus::{Candidate, MAX_SUBSETS, Obstacles, observations_of, search},
+    evidence::{Hypothesis, LEAST_EVIDENCE, Source, best, explain_away},
     memory::{Memory, Rest},
     methods::{method, reason, refine},
     variance::UnitVariance,
@@ -33,73 +34,6 @@ pub struct Triangulator {
     hypotheses: Vec<Hypothesis>,
     sequence: u64,
 }
-
-/// Where a candidate came from.
-#[derive(Debug, Clone, Copy)]
-struct Source {
-    /// Its place in its camera's message.
-    place: u8,
-    detection: Detection,
-    /// Diameter of the ball's image here at a depth of one metre, px.
-    ball_px_m: f64,
-}
-
-impl Source {
-    /// Whether a ball at `depth` could look as large as this; a part of one may be smaller.
-    fn fits(&self, depth: f64) -> bool {
-        let (measured, expected) = (self.detection.diameter_px, self.ball_px_m / depth);
-        measured <= 0.0
-            || (measured < SIZE_GATE * expected
-                && (is_partial(&self.detection) || measured * SIZE_GATE > expected))
-    }
-
-    /// Squared distance of the measured diameter from that of a ball at `depth`, in standard deviations;
-    /// zero where no diameter was measured, bounded, since shadows and nets do what they like.
-    fn size_distance(&self, depth: f64) -> f64 {
-        const MOST: f64 = 9.0;
-        let d = &self.detection;
-        if d.diameter_px <= 0.0 {
-            return 0.0;
-        }
-        let sigma = if is_partial(d) { 2.0 * SIZE_SIGMA } else { SIZE_SIGMA };
-        ((d.diameter_px * depth / self.ball_px_m).ln() / sigma).powi(2).min(MOST)
-    }
-}
-
-/// A subset with what speaks for it.
-#[derive(Debug, Clone, Copy)]
-struct Hypothesis {
-    subset: Subset,
-    /// Logarithm of the likelihood ratio against clutter.
-    evidence: f64,
-    /// The part of it that the images alone tell, without the track.
-    looks: f64,
-    rest: Rest,
-}
-
-/// What a view that agrees is worth against clutter, as a logarithm: about 1 candidate of clutter per
-/// 1,000 px wide strip of tolerance around an epipolar line.
-const VIEW_EVIDENCE: f64 = 8.0;
-
-/// Evidence from which on a hypothesis is taken for the ball. Two views of which each looks like a ball with a
-/// score of one half, and no track, come to twice [`VIEW_EVIDENCE`]; limbs and paddles that happen to lie on one
-/// epipolar line come to less.
-const LEAST_EVIDENCE: f64 = 2.0 * VIEW_EVIDENCE;
-
-/// What a camera costs that should see the point and has no candidate there: misses are 1 in 10.
-const MISS_EVIDENCE: f64 = -2.3;
-
-/// Scatter of the logarithm of a measured diameter, blurred or not: measured 0.06 where the ball was expected and
-/// 0.13 elsewhere, with longer tails than a normal distribution has.
-const SIZE_SIGMA: f64 = 0.15;
-
-/// A candidate whose diameter differs from that of a ball at its depth by more than this factor is none.
-const SIZE_GATE: f64 = 3.0;
-
-/// What a view costs whose candidate a look-alike explains, and by how much worse than the hypothesis the
-/// look-alike may look and still explain it.
-const EXPLAINED_EVIDENCE: f64 = -9.0;
-const EXPLAINED_SLACK: f64 = 3.0;
 
 /// Variance of a detection that states none, px².
 const UNKNOWN_VARIANCE_PX2: f64 = 0.25;
@@ -146,7 +80,8 @@ impl Triangulator {
         };
         let obstacles = self.associate(detections, together);
         let t_ns = position.stamps.mid_exposure_ns;
-        let best = self.best().filter(|h| h.rest != Rest::LookAlike && h.evidence > LEAST_EVIDENCE);
+        let best =
+            best(&self.hypotheses).filter(|h| h.rest != Rest::LookAlike && h.evidence > LEAST_EVIDENCE);
         match best {
             Some(best) => match self.conclude(&best, &mut position, detections) {
                 Ok(()) => self.remember_all(t_ns, Some(&best)),
@@ -174,7 +109,7 @@ impl Triangulator {
         let together = self.synchronous(detections).ok()?;
         let mut position = self.begin(detections);
         self.associate(detections, together);
-        let best = self.best()?;
+        let best = best(&self.hypotheses)?;
         if best.subset.views < trusted.max(2) || best.rest != Rest::Unknown || best.evidence < LEAST_EVIDENCE
         {
             return None;
@@ -189,7 +124,7 @@ impl Triangulator {
         let Ok(together) = self.synchronous(detections) else { return };
         let t_ns = self.begin(detections).stamps.mid_exposure_ns;
         self.associate(detections, together);
-        let best = self.best();
+        let best = best(&self.hypotheses);
         self.remember_all(t_ns, best.as_ref());
     }
 
@@ -299,72 +234,13 @@ impl Triangulator {
         }
         let fits = |i: usize, depth: f64| sources[i].fits(depth);
         let obstacles = search(cameras, candidates, fits, |subset| {
-            hypotheses.push(Hypothesis { subset: *subset, evidence: 0.0, looks: 0.0, rest: Rest::Unknown });
+            hypotheses.push(Hypothesis::new(*subset));
         });
-        for Hypothesis { subset, evidence, looks, rest } in hypotheses {
-            let point = subset.refined.point;
-            *looks = -0.5 * subset.distance2;
-            let mut resting = 0;
-            for (camera, posed) in cameras.iter().enumerate() {
-                let member = subset.members[camera];
-                if member == ABSENT {
-                    if delivered & (1 << camera) != 0 && is_in_view(posed, &point) {
-                        *looks += MISS_EVIDENCE;
-                    }
-                    continue;
-                }
-                let source = &sources[usize::from(member)];
-                let score = source.detection.score.clamp(0.0, 1.0);
-                *looks += VIEW_EVIDENCE + ((score + 0.02) / (1.02 - score)).ln();
-                *looks -= 0.5 * source.size_distance(posed.in_camera(&point).z);
-                resting += usize::from(source.detection.flags & DetectionFlags::AT_REST != 0);
-            }
-            *evidence = memory.log_prior(t_ns, &point) + *looks;
-            *rest = memory.rest(t_ns, &point);
-            if *rest == Rest::Unknown && resting == subset.views {
-                *rest = Rest::Still;
-            } else if *rest == Rest::Unknown {
-                // The ball may come straight at one camera; a thing at rest paired with a moving one by
-                // chance is the likelier reason.
-                *evidence -= 4.0 * resting as f64;
-            }
+        for hypothesis in hypotheses.iter_mut() {
+            hypothesis.weigh(cameras, sources, delivered, memory, t_ns);
         }
-        self.explain_away();
+        explain_away(hypotheses, cameras.len());
         obstacles
-    }
-
-    /// Two look-alikes make two more points where each camera's image of one meets that of the other. What
-    /// look-alikes explain at least as well speaks for no ball.
-    fn explain_away(&mut self) {
-        for i in 0..self.hypotheses.len() {
-            let h = self.hypotheses[i];
-            if h.rest == Rest::LookAlike {
-                continue;
-            }
-            let explained = (0..self.cameras.len()).filter(|camera| {
-                let member = h.subset.members[*camera];
-                member != ABSENT
-                    && self.hypotheses.iter().any(|other| {
-                        other.rest == Rest::LookAlike
-                            && other.subset.members[*camera] == member
-                            && other.looks >= h.looks - EXPLAINED_SLACK
-                    })
-            });
-            let cost = EXPLAINED_EVIDENCE * explained.count() as f64;
-            self.hypotheses[i].evidence += cost;
-        }
-    }
-
-    fn best(&self) -> Option<Hypothesis> {
-        let order = |h: &Hypothesis| match h.rest {
-            Rest::Unknown => 2,
-            Rest::Still => 1,
-            Rest::LookAlike => 0,
-        };
-        self.hypotheses
-            .iter()
-            .max_by(|a, b| order(a).cmp(&order(b)).then(a.evidence.total_cmp(&b.evidence)))
-            .copied()
     }
 
     fn reason(&self, obstacles: &Obstacles) -> NoPosition {
@@ -504,14 +380,6 @@ impl Triangulator {
 
 fn bit(detections: &Detections) -> u32 {
     1_u32.checked_shl(detections.camera).unwrap_or(0)
-}
-
-fn is_partial(d: &Detection) -> bool {
-    d.flags & (DetectionFlags::CUT_BY_FRAME | DetectionFlags::OCCLUDED) != 0
-}
-
-fn is_in_view(camera: &PosedCamera, point: &Vector3<f64>) -> bool {
-    camera.project(&(*point).into()).is_some_and(|pixel| camera.model.contains(&pixel))
 }
 
 /// The observation of a detection; `None` where its pixel or covariance cannot be.

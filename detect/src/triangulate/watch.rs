@@ -60,8 +60,8 @@ impl RigWatch {
             .filter(|(a, b)| self.pairs[*a][*b].unfit)
     }
 
-    /// Takes note of where the cameras saw the same ball; returns whether the verdict has changed.
-    pub(super) fn see(&mut self, cameras: &[PosedCamera], observations: &[Observation]) -> bool {
+    /// Takes note of where the cameras saw the same ball.
+    pub(super) fn see(&mut self, cameras: &[PosedCamera], observations: &[Observation]) {
         for (i, a) in observations.iter().enumerate() {
             for b in &observations[i + 1..] {
                 let Some(distance) = self.distance(cameras, a, b) else { continue };
@@ -74,9 +74,7 @@ impl RigWatch {
                 }
             }
         }
-        let before = self.distrusted;
         self.judge();
-        self.distrusted != before
     }
 
     /// Distance of two rays, in standard deviations.
