@@ -122,8 +122,8 @@ fn measure(
                 progress.say(format!("triangulation with {cameras} cameras"));
                 let rig = example_rig(cameras)?;
                 let robust = Robust::with_slack_px(CALIBRATION_SLACK_PX);
-                let point_us = 1e6 * seconds_per_point(&rig, &robust, 1);
-                points.insert(cameras.to_string(), json!(point_us));
+                let seconds = seconds_per_point(&rig, &robust, 1);
+                points.insert(cameras.to_string(), json!(seconds.map(|seconds| 1e6 * seconds)));
                 stages.insert(cameras.to_string(), json!(measure_triangulation(&rig)));
             }
             vec![("triangulate_us", Value::Object(points)), ("triangulate_stage_us", Value::Object(stages))]

@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use netcord_common::rig::Rig;
+use netcord_common::{rig::Rig, wire::WorldFrame};
 use netcord_detect::triangulate::comparison::{self, Accuracy, PLACES, Setting};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -145,6 +145,11 @@ pub fn run(args: &Args) -> CommandResult {
         println!("\nplot: {}", plot.display());
         return write_report(args.report.as_deref(), &rows);
     }
+    if let Some(rig) = rigs.iter().find(|rig| rig.world != WorldFrame::Table) {
+        return Err(
+            format!("the rig {} has no [table]; methods are compared at places over it", rig.name).into()
+        );
+    }
     let report = measure(&rigs, args);
     print_tables(&report);
     plots::draw(&plot, &report)?;
@@ -221,11 +226,12 @@ fn measure(rigs: &[Rig], args: &Args) -> Report {
     let mut time = Vec::new();
     for rig in rigs {
         for (code, method) in comparison::methods_for(rig.cameras.len()) {
-            time.push(Timing {
+            let seconds = comparison::seconds_per_point(rig, method, args.seed);
+            time.extend(seconds.map(|seconds| Timing {
                 method: code.name(),
                 cameras: rig.cameras.len(),
-                us_per_point: 1e6 * comparison::seconds_per_point(rig, method, args.seed),
-            });
+                us_per_point: 1e6 * seconds,
+            }));
         }
     }
     let (summary, cells): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
@@ -302,7 +308,7 @@ fn print_tables(report: &Report) {
         print!("{:<26}", "time per point, µs");
         for m in &methods {
             let time = report.time.iter().find(|t| t.method == *m && t.cameras == cameras);
-            print!(" {:>19}", time.map_or_else(String::new, |t| format!("{:.2}", t.us_per_point)));
+            print!(" {:>19}", time.map_or_else(|| "-".into(), |t| format!("{:.2}", t.us_per_point)));
         }
         println!();
     }
