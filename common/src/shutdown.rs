@@ -8,8 +8,9 @@ use std::{
     },
 };
 
-use crate::time::{Clock as _, MonotonicClock};
 use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::time::{Clock as _, MonotonicClock};
 
 /// Signals this close together are one request: `timeout` and terminals send theirs to a process and to its
 /// group, so that it comes twice.

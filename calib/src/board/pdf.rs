@@ -8,7 +8,8 @@ const POINTS_PER_MM: f64 = 72.0 / 25.4;
 /// The sheets as a PDF of one page each, at true scale (PDF 1.4; the text in Helvetica, which every reader
 /// has, so that no font is embedded). Only characters of Latin-1 are written; others become `?`.
 pub fn to_pdf(sheets: &[Sheet]) -> Vec<u8> {
-    // Catalogue, list of pages and font come first; of each sheet there are two objects more, the page and what is on it.
+    // Catalogue, list of pages and font come first; of each sheet there are two objects more, the page and what is
+    // on it.
     let page_number = |i: usize| 4 + 2 * i;
     let kids: Vec<String> = (0..sheets.len()).map(|i| format!("{} 0 R", page_number(i))).collect();
     let mut objects: Vec<Vec<u8>> = vec![
@@ -56,9 +57,9 @@ pub fn to_pdf(sheets: &[Sheet]) -> Vec<u8> {
 fn content(sheet: &Sheet) -> Vec<u8> {
     let height = sheet.height_mm * POINTS_PER_MM;
     let mut page = String::new();
-    // A String never refuses to be written to.
     // Neighbours of one colour are one path: painted one by one, they would show hairlines between them.
     for run in sheet.rectangles.chunk_by(|a, b| a.white == b.white) {
+        // A String never refuses to be written to.
         let _ = writeln!(page, "{} g", u8::from(run[0].white));
         for r in run {
             let (x, y) = (r.x * POINTS_PER_MM, height - (r.y + r.height) * POINTS_PER_MM);

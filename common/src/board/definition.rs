@@ -73,8 +73,8 @@ pub enum BoardError {
     /// The description does not parse.
     #[error(
         "board {spec:?}: {what}; valid are chessboard:COLUMNSxROWS:SQUARE (inner corners), \
-         aruco:COLUMNSxROWS:DICTIONARY:MARKER:GAP and charuco:COLUMNSxROWS:DICTIONARY:SQUARE:MARKER, with sizes such as 25mm, \
-         and then :inverted, :legacy, :first=ID or :double=THICKNESS"
+         aruco:COLUMNSxROWS:DICTIONARY:MARKER:GAP and charuco:COLUMNSxROWS:DICTIONARY:SQUARE:MARKER, with sizes such \
+         as 25mm, and then :inverted, :legacy, :first=ID or :double=THICKNESS"
     )]
     Spec {
         /// What was given.

@@ -41,7 +41,8 @@ pub enum DictionaryError {
     },
     /// The file does not fit.
     #[error(
-        "the dictionary file {file}: {what}; it must hold nmarkers, markersize and marker_0 … as strings of 0 and 1, as OpenCV writes them"
+        "the dictionary file {file}: {what}; it must hold nmarkers, markersize and marker_0 … as strings of 0 and 1, as \
+         OpenCV writes them"
     )]
     File {
         /// The file.

@@ -1,8 +1,17 @@
 use std::time::{Duration, Instant};
 
-use iceoryx2::port::{client::Client, server::Server};
+use iceoryx2::{
+    port::{client::Client, server::Server},
+    service::builder::request_response::{
+        RequestResponseOpenError as Open, RequestResponseOpenOrCreateError as OpenOrCreate,
+    },
+};
 
-use super::{Bus, BusError, Service, service::Opening, topic::CONTROL};
+use super::{
+    Bus, BusError, Service,
+    service::{MAX_NODES, Opening},
+    topic::CONTROL,
+};
 use crate::{
     bus::Limits,
     wire::{ControlRequest, ControlResponse},
@@ -28,9 +37,20 @@ fn open(bus: &Bus) -> Result<(Factory, Opening), BusError> {
         .max_clients(LIMITS.readers)
         .max_active_requests_per_client(LIMITS.queue)
         .max_response_buffer_size(LIMITS.queue)
-        .max_nodes(64)
+        .max_nodes(MAX_NODES)
         .open_or_create_with_attributes(&bus.version_wanted())
-        .map_err(|e| opening.failed("opening it", e))?;
+        .map_err(|e| match e {
+            OpenOrCreate::RequestResponseOpenError(
+                Open::IncompatibleAttributes
+                | Open::IncompatibleRequestOrResponseType
+                | Open::DoesNotSupportRequestedAmountOfNodes
+                | Open::VersionMismatch,
+            ) => opening.wire_version(),
+            OpenOrCreate::RequestResponseOpenError(Open::ExceedsMaxNumberOfNodes) => {
+                opening.too_many("process", MAX_NODES)
+            }
+            other => opening.failed("opening it", other),
+        })?;
     Ok((factory, opening))
 }
 

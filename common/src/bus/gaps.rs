@@ -4,29 +4,26 @@ use crate::wire::FrameHeader;
 /// writer starts over.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SequenceGaps {
-    session: u64,
-    last: u64,
+    /// Session and sequence number of the newest message.
+    last: Option<(u64, u64)>,
     lost: u64,
 }
 
 impl SequenceGaps {
     /// Nothing seen yet: what was published before the first message does not count as lost.
     pub const fn new() -> Self {
-        Self { session: 0, last: 0, lost: 0 }
+        Self { last: None, lost: 0 }
     }
 
     /// Takes note of a message; returns how many were lost just before it.
     pub fn see(&mut self, session: u64, sequence: u64) -> u64 {
-        let gap = if self.last == 0 {
-            0
-        } else if session == self.session {
-            sequence.saturating_sub(self.last + 1)
-        } else {
+        let gap = match self.last {
+            None => 0,
+            Some((of, last)) if of == session => sequence.saturating_sub(last + 1),
             // A new writer counts from 1; this reader was there, so what came before is a loss.
-            sequence.saturating_sub(1)
+            Some(_) => sequence.saturating_sub(1),
         };
-        self.session = session;
-        self.last = sequence;
+        self.last = Some((session, sequence));
         self.lost += gap;
         gap
     }

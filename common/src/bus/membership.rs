@@ -65,8 +65,8 @@ fn config(domain: &DomainName) -> Result<Config, BusError> {
     let length = path.len() + 1 + prefix(domain).len() + SOCKET_SUFFIX;
     if length > LONGEST_SOCKET {
         return Err(join(format!(
-            "the paths of its sockets in {path} would have up to {length} bytes, and the system allows {LONGEST_SOCKET}: \
-             choose a shorter name (--domain) or a shorter temporary folder (TMPDIR)"
+            "the paths of its sockets in {path} would have up to {length} bytes, and the system allows \
+             {LONGEST_SOCKET}: choose a shorter name (--domain) or a shorter temporary folder (TMPDIR)"
         )));
     }
     config.global.set_root_path(&Path::new(path.as_bytes()).map_err(|e| join(format!("{path}: {e:?}")))?);

@@ -16,7 +16,7 @@ use super::{Bus, BusError, Limits, Service};
 use crate::wire::{FrameHeader, MAX_CAMERAS, Message, WIRE_VERSION};
 
 /// Processes that may use one service: every stage, a segmenter per camera, and tools.
-const MAX_NODES: usize = 2 * MAX_CAMERAS + 16;
+pub(super) const MAX_NODES: usize = 2 * MAX_CAMERAS + 16;
 
 /// What is being opened, for error messages.
 #[derive(Debug, Clone)]
@@ -39,11 +39,11 @@ impl Opening {
         BusError::Service { service: self.service.clone(), doing, cause: format!("{cause:?}") }
     }
 
-    fn wire_version(&self) -> BusError {
+    pub(super) fn wire_version(&self) -> BusError {
         BusError::WireVersion { service: self.service.clone(), ours: WIRE_VERSION }
     }
 
-    fn too_many(&self, what: &'static str, limit: usize) -> BusError {
+    pub(super) fn too_many(&self, what: &'static str, limit: usize) -> BusError {
         BusError::TooMany { service: self.service.clone(), what, limit }
     }
 

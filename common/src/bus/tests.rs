@@ -138,6 +138,12 @@ fn peers_of_another_wire_version_are_told_so() {
     let error = new.subscriber(&Topic::frameset()).expect_err("another version");
     assert!(matches!(error, BusError::WireVersion { .. }), "{error}");
     assert!(error.to_string().contains("wire version"), "{error}");
+
+    let other =
+        Bus::join_with_wire_version(&domain.0, "capture", crate::wire::WIRE_VERSION + 1).expect("joined");
+    let _server = ControlServer::open(&other).expect("the first to answer");
+    let error = ControlClient::open(&new).expect_err("another version");
+    assert!(matches!(error, BusError::WireVersion { .. }), "{error}");
 }
 
 #[test]

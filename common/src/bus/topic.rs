@@ -4,7 +4,7 @@ use crate::{
     name::CameraName,
     wire::{
         BallPosition, BallTrajectory, BallTruth, Detections, FrameHeader, Frameset, Health, MAX_CAMERAS,
-        Message, SearchWindow,
+        SearchWindow,
     },
 };
 
@@ -132,14 +132,6 @@ impl Topic<BallTruth> {
 
 /// Name of the request–response service that capture answers.
 pub(super) const CONTROL: &str = "rig/control";
-
-/// What a generic reader, such as `netcord listen`, can be told of a topic.
-impl<T: Message> Topic<T> {
-    /// Size of one message in bytes.
-    pub const fn message_size(&self) -> usize {
-        size_of::<T>()
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -23,7 +23,8 @@ pub struct Transform<To, From> {
 pub enum TransformError {
     /// The matrix is not orthonormal.
     #[error(
-        "the matrix is no rotation: R Rᵀ differs from the identity by {0:.3e} (at most {ROTATION_TOLERANCE:e} is accepted)"
+        "the matrix is no rotation: R Rᵀ differs from the identity by {0:.3e} (at most {ROTATION_TOLERANCE:e} is \
+         accepted)"
     )]
     NotOrthonormal(f64),
     /// The matrix turns a right-handed frame into a left-handed one.

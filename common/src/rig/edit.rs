@@ -39,16 +39,34 @@ impl RigEdit {
     /// Opens a rig file for changing; it need not be complete yet.
     ///
     /// # Errors
-    /// [`RigError`] when it cannot be read or is no TOML.
+    /// [`RigError`] when it cannot be read, is no TOML, or holds under `camera`, `table` or `flight` what is none of a
+    /// rig file's tables.
     pub fn open(path: &Path) -> Result<Self, RigError> {
         let text = fs::read_to_string(path).map_err(|cause| RigError::File {
             doing: "read",
             path: path.to_owned(),
             cause,
         })?;
-        let document = text
-            .parse::<DocumentMut>()
-            .map_err(|e| RigError::at(path, &text, e.span().unwrap_or_default().start, e.message().trim()))?;
+        let wrong = |at: usize, what: &str| RigError::at(path, &text, at, what);
+        // Spans are lost when a document is made changeable.
+        let parsed = toml_edit::Document::parse(&*text)
+            .map_err(|e| wrong(e.span().unwrap_or_default().start, e.message().trim()))?;
+        let misplaced = |key: &str, fits: fn(&Item) -> bool| {
+            let item = parsed.get(key).filter(|item| !fits(item))?;
+            Some(item.span().unwrap_or_default().start)
+        };
+        if let Some(at) = misplaced("camera", Item::is_array_of_tables) {
+            return Err(wrong(
+                at,
+                "cameras must be written as [[camera]] tables, so that results can be added",
+            ));
+        }
+        for key in ["table", "flight"] {
+            if let Some(at) = misplaced(key, Item::is_table_like) {
+                return Err(wrong(at, &format!("`{key}` must be a table")));
+            }
+        }
+        let document = parsed.into_mut();
         Ok(Self { path: path.to_owned(), document })
     }
 
@@ -144,7 +162,7 @@ impl RigEdit {
         let cameras = self.document["camera"]
             .or_insert(Item::ArrayOfTables(toml_edit::ArrayOfTables::new()))
             .as_array_of_tables_mut()
-            .expect("the rig file's cameras are [[camera]] tables");
+            .expect("`open` has seen [[camera]] tables, or none");
         let place = cameras.iter().position(|c| c.get("name").and_then(Item::as_str) == Some(name.as_str()));
         let place = place.unwrap_or_else(|| {
             let mut table = Table::new();
@@ -423,5 +441,18 @@ mod tests {
         let text = fs::read_to_string(&path).expect("there");
         assert!(text.starts_with("name = \"lab\" # our lab"), "{text}");
         assert_eq!(fs::read_to_string(folder.path().join("rig.toml.bak")).expect("kept"), before);
+    }
+
+    #[test]
+    fn a_file_in_which_results_have_no_place_is_refused_with_its_line() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let refused = |text: &str| {
+            fs::write(file.path(), text).expect("written");
+            RigEdit::open(file.path()).expect_err("refused").to_string()
+        };
+        let e = refused("name = \"lab\"\ncamera = [{ name = \"left\" }]\n");
+        assert!(e.contains(":2:") && e.contains("[[camera]]"), "{e}");
+        assert!(refused("flight = 3").contains("`flight` must be a table"));
+        assert!(refused("name = ").contains(":1:"));
     }
 }

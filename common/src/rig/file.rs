@@ -33,7 +33,7 @@ pub(super) struct BallTable {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FlightTable {
-    pub(super) hitting_plane_y_m: Option<f64>,
+    pub(super) hitting_plane_y_m: Option<Spanned<f64>>,
     pub(super) mass_kg: Option<Spanned<f64>>,
     pub(super) drag: Option<Spanned<f64>>,
     pub(super) gravity_m_s2: Option<Spanned<f64>>,
@@ -57,15 +57,13 @@ pub(super) struct CameraTable {
     pub(super) pixel_format: Spanned<String>,
     pub(super) device_format: Option<Spanned<String>>,
     pub(super) exposure_us: Spanned<f64>,
-    #[serde(default)]
-    pub(super) gain_db: f64,
+    pub(super) gain_db: Option<Spanned<f64>>,
     #[serde(default)]
     pub(super) trigger: TriggerRole,
     #[serde(default)]
     pub(super) master: bool,
     pub(super) line: Option<String>,
-    #[serde(default)]
-    pub(super) line_delay_us: f64,
+    pub(super) line_delay_us: Option<Spanned<f64>>,
     #[serde(default)]
     pub(super) trigger_edge: TriggerEdge,
     pub(super) trigger_delay_us: Option<Spanned<f64>>,

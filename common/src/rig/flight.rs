@@ -17,7 +17,7 @@ pub struct FlightConstants {
     /// Mass, kg; 0.0027 by the rules.
     pub mass_kg: f64,
     /// Acceleration of a ball let go in still air, m/s²: free fall less what buoyancy and the air that is
-    /// carried along take, (m − ρV) / (m + ½ρV) = 2.2 %.
+    /// carried along take, 1 − (m − ρV) / (m + ½ρV) = 2.2 %.
     pub gravity_m_s2: f64,
     /// Drag coefficient C_d in F = ½ ρ C_d A v².
     pub drag: f64,
@@ -41,8 +41,11 @@ pub struct FlightConstants {
 impl Default for FlightConstants {
     /// Between what either half of 275 real flights (two amateurs' strokes, and balls from two launchers), chosen by
     /// a hash of their names, takes for the least prediction error (`netcord predict --evaluate`), with a last look
-    /// at all; within what is published: drag 0.45–0.6 in flight with spin, table restitution 0.85–0.98 falling with speed, friction
-    /// 0.25–0.3. The lift saturates near C_L = 0.3. Air at 20 °C and 101 kPa.
+    /// at all; within what is published: drag 0.45–0.6 in flight with spin, table restitution 0.85–0.98 falling with
+    /// speed, friction 0.25–0.3. The lift saturates near C_L = 0.3. Air at 20 °C and 101 kPa.
+    ///
+    /// Gravity is fitted, too: 1.6 % below the 9.81 m/s² of free fall. Buoyancy takes 1.5 % (33.5 cm³ of air weigh
+    /// 0.040 g, the ball 2.7 g), to 9.66 m/s²; with the air that is carried along it would be 9.59 m/s².
     fn default() -> Self {
         Self {
             mass_kg: 0.0027,

@@ -124,9 +124,8 @@ impl Source<'_> {
             world: if table.is_some() { WorldFrame::Table } else { WorldFrame::FirstCamera },
             cameras: self.cameras(&file.camera, table.unwrap_or_else(Transform::identity))?,
             flight: self.flight(&file.flight)?,
-            hitting_plane: file
-                .flight
-                .hitting_plane_y_m
+            hitting_plane: self
+                .within("flight.hitting_plane_y_m", file.flight.hitting_plane_y_m.as_ref(), -10.0..=10.0)?
                 .map_or_else(HittingPlane::default, |y_m| HittingPlane { y_m }),
             processes: self.processes(&file.process)?,
         })
@@ -217,11 +216,14 @@ impl Source<'_> {
         };
         let pixel_format = format(&table.pixel_format)?;
         let device_format = table.device_format.as_ref().map(format).transpose()?;
-        let key = format!("camera {name}: trigger_delay_us");
-        let delay_us = self.within(&key, table.trigger_delay_us.as_ref(), 0.0..=1e6)?.unwrap_or(0.0);
-        let key = |which: &str| format!("camera {name}: clock_delay{which}_ms");
-        let delay_ms = self.within(&key(""), table.clock_delay_ms.as_ref(), -1e3..=1e3)?;
-        let sigma_ms = self.within(&key("_sigma"), table.clock_delay_sigma_ms.as_ref(), 0.0..=1e3)?;
+        let given = |key: &str, value: Option<&Spanned<f64>>, range| {
+            self.within(&format!("camera {name}: {key}"), value, range)
+        };
+        let gain_db = given("gain_db", table.gain_db.as_ref(), -100.0..=100.0)?.unwrap_or(0.0);
+        let line_delay_us = given("line_delay_us", table.line_delay_us.as_ref(), 0.0..=1e6)?.unwrap_or(0.0);
+        let delay_us = given("trigger_delay_us", table.trigger_delay_us.as_ref(), 0.0..=1e6)?.unwrap_or(0.0);
+        let delay_ms = given("clock_delay_ms", table.clock_delay_ms.as_ref(), -1e3..=1e3)?;
+        let sigma_ms = given("clock_delay_sigma_ms", table.clock_delay_sigma_ms.as_ref(), 0.0..=1e3)?;
         if let (None, Some(sigma)) = (delay_ms, &table.clock_delay_sigma_ms) {
             return Err(self.error(
                 sigma.span(),
@@ -232,20 +234,19 @@ impl Source<'_> {
         }
         let clock_delay = delay_ms
             .map(|delay_ms| ClockDelay { delay_s: delay_ms * 1e-3, sigma_s: sigma_ms.unwrap_or(0.0) * 1e-3 });
-        let exposure_us = self
-            .within(&format!("camera {name}: exposure_us"), Some(&table.exposure_us), 1.0..=1e6)?
-            .expect("given");
+        let exposure_us =
+            given("exposure_us", Some(&table.exposure_us), 1.0..=1e6)?.expect("a value comes back");
         Ok(RigCamera {
             index,
             serial: table.serial.clone(),
             pixel_format,
             device_format,
             exposure_ns: (exposure_us * 1e3).round() as u64,
-            gain_db: table.gain_db,
+            gain_db,
             trigger: table.trigger,
             master: table.master,
             line: table.line.clone(),
-            line_delay_ns: (table.line_delay_us.max(0.0) * 1e3).round() as u64,
+            line_delay_ns: (line_delay_us * 1e3).round() as u64,
             wiring: Wiring {
                 edge: table.trigger_edge,
                 delay_ns: (delay_us * 1e3).round() as u64,
@@ -486,6 +487,14 @@ pose = { rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1], translation_m = [-1, 0, 0] }
 
         let e = error_of(&RIG.replacen("exposure_us = 1000", "exposure_us = 0", 1));
         assert!(e.contains("exposure_us is 0"), "{e}");
+
+        for (key, value) in [("gain_db", "nan"), ("line_delay_us", "-3")] {
+            let with = format!("exposure_us = 1000\n{key} = {value}");
+            let e = error_of(&RIG.replacen("exposure_us = 1000", &with, 1));
+            assert!(e.to_lowercase().contains(&format!("camera left: {key} is {value}")), "{e}");
+        }
+        let e = error_of(&RIG.replace("[ball]", "[flight]\nhitting_plane_y_m = inf\n\n[ball]"));
+        assert!(e.contains("hitting_plane_y_m is inf"), "{e}");
 
         let e = error_of(&RIG.replacen("fx = 700", "fx = -700", 1));
         assert!(e.contains("camera left: fx is -700"), "{e}");

@@ -67,7 +67,8 @@ pub(super) fn write(rig: &Rig) -> String {
         let exact = |v: Vector3<f64>| if first { Vector3::zeros() } else { v };
         let _ = writeln!(
             text,
-            "  {}:\n    image_size: [{}, {}]\n    camera_matrix: {}\n    distortion_coefs: {}\n    rotation: {}\n    translation: {}",
+            "  {}:\n    image_size: [{}, {}]\n    camera_matrix: {}\n    distortion_coefs: {}\n    rotation: {}\n    \
+             translation: {}",
             camera.name,
             m.width,
             m.height,

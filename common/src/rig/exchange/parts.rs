@@ -50,7 +50,8 @@ pub(super) fn lens(who: &str, d: &[f64]) -> Read<Distortion> {
     }
     if d.iter().skip(5).any(|c| *c != 0.0) {
         return Err(format!(
-            "{who}: the lens has more than the 5 coefficients k1 k2 p1 p2 k3; calibrate it without the rational, thin-prism and tilt terms"
+            "{who}: the lens has more than the 5 coefficients k1 k2 p1 p2 k3; calibrate it without the rational, \
+             thin-prism and tilt terms"
         ));
     }
     let mut five = [0.0; 5];
