@@ -77,6 +77,8 @@ impl Bank {
             let share = h.weight / weight;
             let off = h.belief.mean - common.mean;
             common.covariance += share * (h.belief.covariance + off * off.transpose());
+            let off = h.belief.struck_spin - common.struck_spin;
+            common.struck_covariance += share * (h.belief.struck_covariance + off * off.transpose());
         }
         Some(Hypothesis { belief: common, weight, ..best })
     }

@@ -19,6 +19,8 @@ pub struct Belief {
     pub struck_spin: Vector3<f64>,
     /// Covariance of [`Self::struck_spin`] with the state.
     pub struck_cross: SMatrix<f64, 3, STATE>,
+    /// Covariance of [`Self::struck_spin`], (rad/s)².
+    pub struck_covariance: Matrix3<f64>,
 }
 
 impl Default for Belief {
@@ -44,6 +46,7 @@ impl Belief {
             covariance,
             struck_spin: mean.fixed_rows::<3>(6).into_owned(),
             struck_cross: covariance.fixed_rows::<3>(6).into_owned(),
+            struck_covariance: covariance.fixed_view::<3, 3>(6, 6).into_owned(),
         }
     }
 
@@ -107,6 +110,8 @@ impl Belief {
         let innovation = position - self.position();
         let struck_gain = self.struck_cross.fixed_view::<3, 3>(0, 0) * inverse;
         self.struck_spin += struck_gain * innovation;
+        let to_place = self.struck_cross.fixed_view::<3, 3>(0, 0).transpose();
+        self.struck_covariance -= struck_gain * to_place;
         self.struck_cross -= struck_gain * to_position.transpose();
         self.mean += gain * innovation;
         let reduced = self.covariance - gain * to_position.transpose();

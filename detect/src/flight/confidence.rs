@@ -23,7 +23,7 @@ pub struct Curve {
 
 /// Fitted to the hitting points of 275 recorded flights; `netcord predict --evaluate` fits it anew to four fifths
 /// of the recordings that it is given, in turn, and shows what held of the rest.
-pub const CURVE: Curve = Curve { even_m: 0.088, power: 1.87 };
+pub const CURVE: Curve = Curve { even_m: 0.09, power: 1.96 };
 
 impl Curve {
     /// Chance that a prediction of standard deviation `sigma_m` holds.

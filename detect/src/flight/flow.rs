@@ -312,6 +312,7 @@ impl Flow {
         belief.struck_spin += struck * (sign * hazard / sigma);
         let share = reduced.clamp(0.0, 0.99) / (sigma * sigma);
         belief.covariance -= lever * lever.transpose() * share;
+        belief.struck_covariance -= struck * struck.transpose() * share;
         belief.struck_cross -= struck * lever.transpose() * share;
     }
 

@@ -13,8 +13,9 @@ use super::{
     confidence,
     flow::{Flow, Table},
     forecast::{Ahead, Crossing, Descent, PATH_STEP_S, look_ahead},
+    habits::Habits,
     settings::Tuning,
-    tracker::{Habits, Observation, Tracker},
+    tracker::{Observation, Tracker},
     windows::WindowMaker,
 };
 

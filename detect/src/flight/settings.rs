@@ -1,6 +1,6 @@
 //! Noise levels of the model, and how far ball and table may differ from the rig file.
 
-use super::{contact::BounceScatter, flow::ModelNoise, tracker::Latitude};
+use super::{contact::BounceScatter, flow::ModelNoise, habits::Latitude};
 
 /// What the filter assumes beside the physical constants.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,10 +6,10 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{
     bank::{Bank, Hypothesis},
+    beginning::{Beginning, LONGEST_BEGINNING_NS},
     belief::Belief,
-    flow::{Exempt, Flow},
-    physics::{DRAG, FRICTION, RESTITUTION, SLANT, STATE, StateMatrix, join},
-    prior,
+    flow::Flow,
+    habits::{Habits, Latitude},
 };
 
 /// A measured position of the ball.
@@ -38,7 +38,7 @@ pub enum Verdict {
 
 /// Positions further than this from every hypothesis (squared Mahalanobis distance, 3 degrees of
 /// freedom) are unexplained.
-const GATE_CHI2: f64 = 30.0;
+pub(super) const GATE_CHI2: f64 = 30.0;
 /// Measured positions have heavy tails: in the gate, and only there, their covariance counts this many
 /// times. A hit is metres per second away from every hypothesis, and leaves this gate all the same.
 const TAIL_VARIANCE: f64 = 4.2;
@@ -59,14 +59,6 @@ const PENDING: usize = 6;
 const PROOF: usize = 3;
 /// A flight that has not been seen for so long has ended, ns. Gaps of 100 ms are survived with room.
 const LONGEST_GAP_NS: u64 = 250_000_000;
-/// Positions of one beginning lie within this time, ns.
-const LONGEST_BEGINNING_NS: u64 = 120_000_000;
-/// Slower than this nothing flies, m/s.
-const SLOWEST_M_S: f64 = 0.3;
-/// Faster than this no ball is hit, m/s: the record is about 36.
-const FASTEST_M_S: f64 = 40.0;
-/// Most drag and Magnus force together while a beginning is sought, m/s².
-const UNMODELLED_M_S2: f64 = 40.0;
 /// How near a flight's beginning must come to the end of the last one for two positions to prove a hit, m.
 const HIT_PLACE_M: f64 = 0.08;
 /// A hit changes the velocity by at least this, m/s.
@@ -82,50 +74,6 @@ const ANYWHERE_M_S: f64 = 6.0;
 const TURNING_M_S: f64 = 3.0;
 /// A flight seen for less time teaches nothing of ball and table, ns.
 const INSTRUCTIVE_NS: u64 = 150_000_000;
-
-/// One flight changes what is believed of ball and table by this share of its latitude at most: a hit that was
-/// taken for a bounce must not spoil the flights to come.
-const MOST_LESSON: f64 = 0.5;
-
-/// How many numbers of a state are peculiar to ball, table and frame: the last of it.
-const PECULIAR: usize = STATE - DRAG;
-
-/// What is peculiar to this ball, table and frame ([`DRAG`], [`RESTITUTION`], [`SLANT`], [`FRICTION`]), learned
-/// flight by flight: mean and variance of each.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Habits([(f64, f64); PECULIAR]);
-
-impl Habits {
-    /// Nothing learned yet.
-    pub fn new(latitude: &Latitude) -> Self {
-        Self(latitude.sigmas().map(|sigma| (0.0, sigma * sigma)))
-    }
-}
-
-/// How far ball, table and frame may differ from the rig file, as standard deviations, and how much of what
-/// was learned is forgotten with each flight, as a share of that.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Latitude {
-    /// Of the logarithm of the drag.
-    pub drag: f64,
-    /// Of the restitution.
-    pub restitution: f64,
-    /// Of each horizontal acceleration, m/s².
-    pub slant_m_s2: f64,
-    /// Of the logarithm of the table's friction.
-    pub friction: f64,
-    /// Share of the above by which it may change from flight to flight.
-    pub forgetting: f64,
-}
-
-impl Latitude {
-    /// In the order of a state.
-    fn sigmas(&self) -> [f64; PECULIAR] {
-        const { assert!(RESTITUTION == DRAG + 1 && SLANT == DRAG + 2) };
-        const { assert!(FRICTION == SLANT + 2 && STATE == FRICTION + 1) };
-        [self.drag, self.restitution, self.slant_m_s2, self.slant_m_s2, self.friction]
-    }
-}
 
 #[derive(Debug, Clone, Copy)]
 struct Entry {
@@ -144,6 +92,8 @@ pub struct Tracker {
     /// Instant of the bank.
     t_ns: u64,
     began_ns: u64,
+    /// Velocity with which it began, m/s.
+    struck_m_s: Vector3<f64>,
     flight_id: u64,
     history: VecDeque<Entry>,
     pending: [Observation; PENDING],
@@ -160,6 +110,7 @@ impl Tracker {
             bank: Bank::default(),
             t_ns: 0,
             began_ns: 0,
+            struck_m_s: Vector3::zeros(),
             flight_id: 0,
             history: VecDeque::with_capacity(HISTORY + 1),
             pending: [Observation::default(); PENDING],
@@ -311,16 +262,7 @@ impl Tracker {
         if let Some(best) = self.bank.consensus()
             && self.t_ns - self.began_ns >= INSTRUCTIVE_NS
         {
-            let sigmas = self.latitude.sigmas();
-            let known = self.habits.0;
-            self.habits = Habits(std::array::from_fn(|i| {
-                let (place, (before, _)) = (DRAG + i, known[i]);
-                let most = MOST_LESSON * sigmas[i];
-                let mean = before + (best.belief.mean[place] - before).clamp(-most, most);
-                let forgotten = (self.latitude.forgetting * sigmas[i]).powi(2);
-                let variance = best.belief.covariance[(place, place)] + forgotten;
-                (mean, variance.min(sigmas[i] * sigmas[i]))
-            }));
+            self.habits.learn(&self.latitude, &self.struck_m_s, &best.belief);
         }
         self.bank.clear();
         self.history.clear();
@@ -352,6 +294,7 @@ impl Tracker {
         self.end();
         self.flight_id += 1;
         self.began_ns = self.pending[first].t_ns;
+        self.struck_m_s = beginning.velocity;
         self.bank = beginning.bank(&self.habits);
         self.t_ns = self.began_ns;
         for i in first..n {
@@ -452,84 +395,6 @@ fn accept(bank: &mut Bank, observation: &Observation) -> bool {
     true
 }
 
-fn seconds(from_ns: u64, to_ns: u64) -> f64 {
+pub(super) fn seconds(from_ns: u64, to_ns: u64) -> f64 {
     to_ns.wrapping_sub(from_ns).cast_signed() as f64 * 1e-9
-}
-
-/// A parabola through a few positions.
-#[derive(Debug, Clone, Copy)]
-struct Beginning {
-    /// At the first position's instant, m.
-    position: Vector3<f64>,
-    /// At the first position's instant, m/s.
-    velocity: Vector3<f64>,
-    /// Standard deviation of the velocity, m/s.
-    velocity_sigma: f64,
-}
-
-impl Beginning {
-    /// Least squares of p + v t + g t²/2; `None` where the positions are not of one flight.
-    fn fit(observations: &[Observation], flow: &Flow) -> Option<Self> {
-        let (first, last) = (observations.first()?, observations.last()?);
-        if last.t_ns - first.t_ns > LONGEST_BEGINNING_NS {
-            return None;
-        }
-        let gravity = flow.forces.gravity_m_s2;
-        let (mut n, mut st, mut stt) = (0.0, 0.0, 0.0);
-        let (mut sx, mut stx) = (Vector3::zeros(), Vector3::zeros());
-        for o in observations {
-            let t = seconds(first.t_ns, o.t_ns);
-            let weight = 1.0 / o.covariance.trace().max(1e-12);
-            let x = o.position - 0.5 * t * t * gravity;
-            n += weight;
-            st += weight * t;
-            stt += weight * t * t;
-            sx += weight * x;
-            stx += weight * t * x;
-        }
-        let determinant = n * stt - st * st;
-        if determinant <= 0.0 {
-            return None;
-        }
-        let velocity = (n * stx - st * sx) / determinant;
-        let position = (stt * sx - st * stx) / determinant;
-        if !(SLOWEST_M_S..FASTEST_M_S).contains(&velocity.norm()) {
-            return None;
-        }
-        let fits = observations.iter().all(|o| {
-            let t = seconds(first.t_ns, o.t_ns);
-            let span = seconds(first.t_ns, last.t_ns);
-            let off = o.position - (position + velocity * t + 0.5 * t * t * gravity);
-            // Largest deviation of a parabola from its chord.
-            let slack = UNMODELLED_M_S2 * span * span / 8.0;
-            let tolerated = o.covariance + Matrix3::identity() * (slack * slack);
-            tolerated.cholesky().is_some_and(|c| off.dot(&c.solve(&off)) < GATE_CHI2)
-        });
-        // The weights are inverse variances of all three coordinates together.
-        let velocity_sigma = (n / determinant).sqrt();
-        fits.then_some(Self { position, velocity, velocity_sigma })
-    }
-
-    /// Hypotheses at the first position's instant. Position and velocity are left open, since the
-    /// positions that they were fitted to are taken in afterwards; the fit is where the flight is
-    /// linearised.
-    fn bank(&self, habits: &Habits) -> Bank {
-        let mut bank = Bank::default();
-        for (share, spin, spin_covariance) in prior::spin(&self.velocity) {
-            let mut mean = join(&self.position, &self.velocity, &spin);
-            let mut covariance = StateMatrix::zeros();
-            for i in 0..3 {
-                covariance[(i, i)] = 1.0;
-                covariance[(i + 3, i + 3)] = 400.0;
-            }
-            for (i, (learned, variance)) in (DRAG..).zip(habits.0) {
-                mean[i] = learned;
-                covariance[(i, i)] = variance;
-            }
-            covariance.fixed_view_mut::<3, 3>(6, 6).copy_from(&spin_covariance);
-            let belief = Belief::new(mean, covariance);
-            bank.add(Hypothesis { belief, weight: share, bounces: 0, exempt: Exempt::default() });
-        }
-        bank
-    }
 }

@@ -12,9 +12,10 @@ use crate::flight::{
     confidence::{Curve, TOLERANCE_M, sigma_m},
     flow::{Flow, Table},
     forecast::{PATH_STEP_S, look_ahead},
+    habits::Habits,
     physics::Forces,
     settings::Tuning,
-    tracker::{Habits, Observation, Tracker},
+    tracker::{Observation, Tracker},
 };
 
 /// Hash of a recording's name (FNV-1a): what is held out is chosen by it, and by nothing else.

@@ -11,8 +11,9 @@ use super::{
 };
 use crate::flight::{
     flow::{Flow, Table},
+    habits::{Habits, Latitude},
     physics::Forces,
-    tracker::{Habits, Latitude, Tracker},
+    tracker::Tracker,
 };
 
 /// How many constants are fitted.
