@@ -124,6 +124,9 @@ pub struct Evaluation {
     pub spin_perpendicular: Vec<f64>,
     /// The same of the whole vectors.
     pub spin_full: Vec<f64>,
+    /// Angle between the spin found and the one measured, of the parts perpendicular to the velocity, rad; in the
+    /// order of [`Self::spin_perpendicular`]. Half a turn or so: the measured one belongs to another flight.
+    pub spin_off_rad: Vec<f64>,
     /// Flights seen.
     pub flights: usize,
     /// Predictions that had to be made while no flight was being followed; they count as well.
@@ -150,6 +153,7 @@ impl Evaluation {
         self.bets.append(&mut other.bets);
         self.spin_perpendicular.append(&mut other.spin_perpendicular);
         self.spin_full.append(&mut other.spin_full);
+        self.spin_off_rad.append(&mut other.spin_off_rad);
         self.flights += other.flights;
         self.blind += other.blind;
     }
@@ -392,7 +396,9 @@ impl Flight<'_> {
                 spin_judged = true;
                 let along = arc.velocity(begin_s).normalize();
                 let across = |w: &Vector3<f64>| w - along * along.dot(w);
-                let error = best.belief.struck_spin - truth;
+                let found = best.belief.struck_spin;
+                let error = found - truth;
+                result.spin_off_rad.push(across(&found).angle(&across(&truth)));
                 result.spin_perpendicular.push(across(&error).norm() / across(&truth).norm().max(1e-9));
                 result.spin_full.push(error.norm() / truth.norm());
             }

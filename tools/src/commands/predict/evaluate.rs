@@ -94,13 +94,21 @@ fn by_ms(ms: &[u32], values: &[Vec<f64>]) -> Value {
     ms.iter().zip(values).map(|(ms, v)| (ms.to_string(), errors(v, 1e3))).collect::<Map<_, _>>().into()
 }
 
+/// A measured spin that points further than this from the one that bends its flight contradicts it, rad: 60°.
+const CONTRADICTION_RAD: f64 = std::f64::consts::FRAC_PI_3;
+
 fn figures(e: &Evaluation) -> Map<String, Value> {
+    let agrees = |off_rad: &f64| *off_rad <= CONTRADICTION_RAD;
+    let agreeing = e.spin_perpendicular.iter().zip(&e.spin_off_rad).filter(|(_, off)| agrees(off));
+    let agreeing: Vec<f64> = agreeing.map(|(error, _)| *error).collect();
     let figures = json!({
         "prediction_error_mm": by_ms(&HORIZONS_MS, &HORIZONS_MS.map(|ms| e.prediction_errors_m(ms))),
         "landing_error_mm": by_ms(&LEADS_MS, &e.landing_m),
         "hitting_plane_error_mm": by_ms(&HORIZONS_MS, &e.hitting_m),
         "spin_error_ratio": errors(&e.spin_perpendicular, 1.0),
         "spin_vector_error_ratio": errors(&e.spin_full, 1.0),
+        "spin_labels_contradicted": e.spin_perpendicular.len() - agreeing.len(),
+        "spin_error_ratio_of_agreeing_labels": errors(&agreeing, 1.0),
         "confidence": Reliability::as_given(&e.bets).report(),
         "flights": e.flights,
         "predictions_without_flight": e.blind,
@@ -137,6 +145,15 @@ fn print(title: &str, figures: &Map<String, Value>) {
             spin["n"],
             cell(full, 2)
         );
+        let agreeing = &figures["spin_error_ratio_of_agreeing_labels"];
+        if figures["spin_labels_contradicted"] != 0 {
+            println!(
+                "  {} of these measured spins point more than 60° away from the one that bends their flight: labels \
+                 of other flights? Without them {}",
+                figures["spin_labels_contradicted"],
+                cell(&agreeing["median"], 2)
+            );
+        }
     }
     println!(
         "  {} flights; {} predictions made while none was followed\n",

@@ -13,9 +13,10 @@ use super::RigArgs;
 use crate::{exit::CommandResult, stage};
 
 /// Serves a running rig to viewers: small pictures of each camera with boxes and search windows, the 3D scene
-/// with the predicted path, latencies and losses. Open ws://HOST:PORT in Foxglove or Lichtblick; a layout for them
-/// lies in tools/foxglove/netcord.json. Costs the pipeline nothing: it reads in what time the stages leave, and
-/// makes pictures only for viewers that look at them.
+/// with the predicted path, latencies and losses. Open ws://HOST:PORT in Foxglove or Lichtblick (newer than 1.21:
+/// the server speaks foxglove.sdk.v1, which older viewers do not); a layout for them lies in
+/// tools/foxglove/netcord.json. Costs the pipeline nothing: it reads in what time the stages leave, and makes
+/// pictures only for viewers that look at them.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The rig file.
