@@ -89,7 +89,8 @@ mod tests {
             let off = 3.0 * f64::from(k % 5 - 2);
             strokes.keep(stroke([0.2 + 0.01 * off, -8.0, 1.0], [150.0 + off, -off, 40.0], 10.0));
             let (share, mean, covariance) = strokes.like(&drive).expect("one is like it");
-            assert!(share >= last && share < REPEATED, "{share} {last}");
+            // Once there is room for no more, one of them goes for each that comes.
+            assert!(share > last - 1e-3 && share < REPEATED, "{share} {last}");
             assert!((mean - spin).norm() < 10.0, "{mean}");
             // Never surer than the spins are known and strokes repeat.
             let least = 100.0 + SCATTER_RAD_S * SCATTER_RAD_S;
