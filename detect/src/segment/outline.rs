@@ -35,6 +35,9 @@ pub struct Outline {
     pub steps: [f32; 4],
     /// Root mean square of what is seen around, along the ball's contrast and as a share of it.
     pub busy: f32,
+    /// Red of the ball as a share of that of the brighter surfaces around it (a quarter of the stretches has brighter
+    /// ones); none where no such red is known: in grey frames, and before lamps and windows, which are no surfaces.
+    pub red: Option<f32>,
 }
 
 /// One cell near the outline.
@@ -84,9 +87,11 @@ impl Outline {
         let count = stretches(&sweep);
         let mut steps = [0.5; STRETCHES.1];
         let mut seen_stretches = 0;
+        let mut reds = [0.0; STRETCHES.1];
         for (stretch, step) in steps.iter_mut().enumerate().take(count) {
             let here = || cells.iter().filter(move |cell| cell.stretch == stretch);
             let Some(behind) = median(here().filter(outside)) else { continue };
+            reds[stretch] = behind[0];
             let (mut product, mut squares) = (0.0_f32, 0.0_f32);
             for cell in here().filter(|cell| cell.alpha >= FREE) {
                 let model =
@@ -112,7 +117,12 @@ impl Outline {
         let steps = &mut steps[..count];
         steps.sort_unstable_by(f32::total_cmp);
         let steps = [0, count / 8, count / 4, count / 2].map(|place| steps[place]);
+        let reds = &mut reds[..count];
+        reds.sort_unstable_by(f32::total_cmp);
+        let red_around = reds[count - 1 - count / 4];
+        let is_known = view.format().red_at().is_some() && (LEAST_RED..SATURATED).contains(&red_around);
         Some(Self {
+            red: is_known.then(|| level[0] / red_around),
             explained: 1.0 - (left - noise).max(HIDDEN_BY_NOISE * noise) / changed.max(1.0),
             steps,
             busy: (busy / free.max(1.0)).sqrt(),
@@ -123,6 +133,9 @@ impl Outline {
 /// Share of the noise that may hide what the ball does not explain: where there is hardly anything but noise, all is
 /// explained by anything.
 const HIDDEN_BY_NOISE: f32 = 0.3;
+/// Levels between which red tells of a surface, DN: below there is hardly any light, above the pixel is full.
+const LEAST_RED: f32 = 20.0;
+const SATURATED: f32 = 250.0;
 /// Cover below which a cell shows what is around, 0–1.
 const FREE: f32 = 0.03;
 

@@ -12,6 +12,15 @@ const HALF_MISFIT: f32 = 0.26;
 /// Signal, in standard deviations over all pixels, at which a candidate counts half.
 const HALF_SIGNAL: f32 = 12.0;
 
+/// Red of a ball as a share of that of a white surface beside it, at least: it reflects 0.75 or more of the red light
+/// (orange; white 0.85), paper and paint at most 0.9, and the mean over a sphere's visible half is, in the light of a
+/// room, seldom less than 0.7 of that over a wall.
+const LEAST_RED: f32 = 0.58;
+
+/// Weight of what lacks of that, as a logarithm: half as bright in red as the darkest of balls makes one in 250
+/// of the odds (chosen, not fitted).
+const DARK: f32 = 8.0;
+
 /// How much a measured candidate looks like the ball in play, 0–1; `likeness` is its colour's.
 pub fn score(measured: &Measured, likeness: f32) -> f64 {
     let shape = 1.0 / (1.0 + (measured.verdict.misfit / HALF_MISFIT).powi(4));
@@ -34,7 +43,11 @@ pub fn score(measured: &Measured, likeness: f32) -> f64 {
 /// outline must tell all: what the ball explains of it, whether it ends on all sides, and whether what is around is
 /// quiet.
 ///
-/// A logistic regression (Cox 1958) on logarithms, each bounded to where it means something. Its weights are rounded
+/// Balls, orange and white ones, reflect nearly all red light, and what is darker in red than [`LEAST_RED`] of the
+/// surfaces beside it is none: the gap between two white things, a drawer, a shadow. (A ball whose colour was learnt
+/// may be of any colour.)
+///
+/// The rest is a logistic regression (Cox 1958) on logarithms, each bounded to where it means something. Its weights are rounded
 /// means of two fits to 1,400 candidates each in 23 pictures of play with a white ball; score ½ is where one false
 /// candidate passed in eight of them. `diameter_px` are the smallest and the largest ball that was marked.
 pub fn single_score(
@@ -58,6 +71,9 @@ pub fn single_score(
         + 2.17 * measured.verdict.signal.clamp(5.0, 100.0).ln()
         + 4.7 * (diameter.clamp(4.0, 12.0) / 12.0).ln()
         - 7.6 * (diameter.clamp(40.0, 80.0) / 40.0).ln();
+    if let (Some(red), None) = (outline.red, diameter_px) {
+        evidence -= DARK * (LEAST_RED / red.max(0.01)).max(1.0).ln();
+    }
     if let Some([least, most]) = diameter_px {
         // Balls come nearer and go farther than where a few were marked.
         let beyond = (least / diameter).max(diameter / most).max(1.0).ln();
