@@ -145,10 +145,12 @@ pub(super) fn pictures_by_camera(
     }
     let mut cameras = Vec::new();
     for path in sorted(folder)?.into_iter().filter(|p| p.is_dir()) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let pictures = pictures(&path)?;
-        if !pictures.is_empty() {
-            cameras.push((CameraName::new(name)?, pictures));
+        // What a folder lists always has a name.
+        if let (Some(name), false) = (path.file_name(), pictures.is_empty()) {
+            let name = CameraName::new(name.to_string_lossy())
+                .map_err(|e| format!("the folder {} is to name a camera: {e}", path.display()))?;
+            cameras.push((name, pictures));
         }
     }
     if cameras.is_empty() {
@@ -166,9 +168,9 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>, String> {
 }
 
 fn sorted(folder: &Path) -> Result<Vec<PathBuf>, String> {
-    let entries =
-        std::fs::read_dir(folder).map_err(|e| format!("cannot read the folder {}: {e}", folder.display()))?;
-    let mut paths = entries.flatten().map(|e| e.path()).collect::<Vec<_>>();
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let entries = entries.map_err(|e| format!("cannot read the folder {}: {e}", folder.display()))?;
+    let mut paths = entries.iter().map(std::fs::DirEntry::path).collect::<Vec<_>>();
     paths.sort();
     Ok(paths)
 }

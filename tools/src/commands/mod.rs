@@ -47,9 +47,12 @@ const LONGEST_S: f64 = 31.0 * 86_400.0;
 /// A file to be written on the command line: its folder is there, so that no long work is done in vain.
 ///
 /// # Errors
-/// The folder that is missing.
+/// The folder that is missing, or where a folder was given itself.
 pub fn file_to_write(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
+    if path.is_dir() || path.file_name().is_none() {
+        return Err("this is a folder; give the name of a file".to_owned());
+    }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder.filter(|folder| !folder.is_dir()) {
         Some(folder) => Err(format!("there is no folder {}; make it first", folder.display())),

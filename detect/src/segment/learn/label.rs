@@ -1,9 +1,12 @@
-use std::collections::HashMap;
+use std::collections::BTreeSet;
 
 use netcord_common::{FrameView, PixelFormat};
 
-use super::{Mark, MarkError};
-use crate::segment::{candidate::DIAMETER_PX, colour::colour_of};
+use super::{
+    Mark, MarkError,
+    density::{Normal, Surroundings},
+};
+use crate::segment::colour::colour_of;
 
 /// What a 2 × 2 cell of a marked frame shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,12 +37,6 @@ pub struct LabelledFrame {
 /// Share of an outline's radius up to which a cell shows the ball alone, and from which on it shows none of it.
 const SURELY_BALL: f64 = 0.75;
 const SURELY_OTHER: f64 = 1.5;
-/// Boxes may be this much larger than the largest ball, with its blur, px.
-const LARGEST_BOX_PX: f64 = 400.0;
-/// Steps of colour in which the surroundings of a box are counted: 2⁵ of 8 DN.
-const STEP_BITS: u32 = 3;
-/// Standard deviation that a ball's colour has at least, DN: shading, noise.
-const LEAST_SPREAD: f64 = 8.0;
 /// Fewest cells of a ball that is told from what is around it.
 const LEAST_CELLS: usize = 5;
 
@@ -64,19 +61,17 @@ impl LabelledFrame {
             balls: Vec::with_capacity(marks.len()),
         };
         for mark in marks {
-            check(mark, (view.width(), view.height()))?;
+            mark.check((view.width(), view.height()))?;
             // What is in one ball's box is no surroundings of another's.
             let (low, high) = mark.extent();
             frame.each_within(low, high, |frame, i, _| frame.labels[i] = CellLabel::Unknown);
         }
-        let rgb =
-            |cell: &[u8; 4]| colour_of(view.format(), |dx, dy| f32::from(cell[2 * dy + dx])).map(f64::from);
         for mark in marks {
             let (diameter, inside) = match mark {
                 Mark::Outline { centre, diameter, path } => {
                     (*diameter, frame.outline(*centre, *diameter, *path))
                 }
-                Mark::Box { low, high } => frame.ball_in_box(*low, *high, &rgb).ok_or_else(|| {
+                Mark::Box { low, high } => frame.ball_in_box(*low, *high).ok_or_else(|| {
                     let [u, v] = mark.centre();
                     MarkError::NothingInBox { u, v }
                 })?,
@@ -89,7 +84,7 @@ impl LabelledFrame {
         Ok(frame)
     }
 
-    /// Levels of red, green and blue of a cell, DN; three times the mean of a grey one.
+    /// Levels of red, green and blue of a cell, DN; of a grey one its mean, three times.
     #[must_use]
     pub fn rgb(&self, cell: usize) -> [f64; 3] {
         colour_of(self.format, |dx, dy| f32::from(self.cells[cell][2 * dy + dx])).map(f64::from)
@@ -156,12 +151,7 @@ impl LabelledFrame {
 
     /// The ball in a box: cells whose colour is likelier that of the box's middle than that of its surroundings, as
     /// far as they hang together. Its diameter, and its cells without those of its edge.
-    fn ball_in_box(
-        &mut self,
-        low: [f64; 2],
-        high: [f64; 2],
-        rgb: &impl Fn(&[u8; 4]) -> [f64; 3],
-    ) -> Option<(f64, Vec<usize>)> {
+    fn ball_in_box(&mut self, low: [f64; 2], high: [f64; 2]) -> Option<(f64, Vec<usize>)> {
         let centre = [0, 1].map(|i| 0.5 * (low[i] + high[i]));
         let half = [0, 1].map(|i| 0.5 * (high[i] - low[i]));
         let mut around = Surroundings::default();
@@ -171,9 +161,9 @@ impl LabelledFrame {
         let mut box_cells = Vec::new();
         self.each_within(outer_low, outer_high, |frame, i, place| {
             if (0..2).all(|a| (low[a]..=high[a]).contains(&place[a])) {
-                box_cells.push((i, place, rgb(&frame.cells[i])));
+                box_cells.push((i, place, frame.rgb(i)));
             } else if frame.labels[i] == CellLabel::Other {
-                around.add(rgb(&frame.cells[i]));
+                around.add(frame.rgb(i));
             }
         });
         let away =
@@ -196,7 +186,7 @@ impl LabelledFrame {
             if same {
                 break;
             }
-            ball = Normal::of(self.core(&members).iter().map(|i| rgb(&self.cells[*i])))?;
+            ball = Normal::of(self.core(&members).iter().map(|i| self.rgb(*i)))?;
         }
         // As large as the box and more: it is the surroundings that were found.
         if members.len() * 10 > box_cells.len() * 9 {
@@ -208,15 +198,14 @@ impl LabelledFrame {
 
     /// Of some cells the piece that hangs together and is nearest to a place, in order.
     fn nearest_piece(&self, marked: &[usize], centre: [f64; 2]) -> Vec<usize> {
-        let mut left = marked.iter().copied().collect::<std::collections::BTreeSet<_>>();
+        let mut left = marked.iter().copied().collect::<BTreeSet<_>>();
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, Vec::new());
         while let Some(seed) = left.pop_first() {
             let (mut piece, mut at) = (vec![seed], 0);
             while at < piece.len() {
                 let i = piece[at];
                 at += 1;
-                let near = [i.wrapping_sub(1), i + 1, i.wrapping_sub(self.size.0), i + self.size.0];
-                piece.extend(near.into_iter().filter(|n| left.remove(n)));
+                piece.extend(self.neighbours(i).into_iter().flatten().filter(|n| left.remove(n)));
             }
             // Large and near the middle.
             let away = piece
@@ -233,18 +222,25 @@ impl LabelledFrame {
         best.1
     }
 
+    /// The cells left and right, above and below; none beyond the image's edges.
+    fn neighbours(&self, cell: usize) -> [Option<usize>; 4] {
+        let (columns, rows) = self.size;
+        let (x, y) = (cell % columns, cell / columns);
+        [
+            (x > 0).then(|| cell - 1),
+            (x + 1 < columns).then(|| cell + 1),
+            (y > 0).then(|| cell - columns),
+            (y + 1 < rows).then(|| cell + columns),
+        ]
+    }
+
     /// Of a piece, the cells all of whose neighbours belong to it; of a small one, all.
     fn core(&self, piece: &[usize]) -> Vec<usize> {
-        let has = |i: usize| piece.binary_search(&i).is_ok();
+        let belongs = |cell: Option<usize>| cell.is_some_and(|cell| piece.binary_search(&cell).is_ok());
         let inner = piece
             .iter()
             .copied()
-            .filter(|i| {
-                has(i.wrapping_sub(1))
-                    && has(i + 1)
-                    && has(i.wrapping_sub(self.size.0))
-                    && has(i + self.size.0)
-            })
+            .filter(|i| self.neighbours(*i).into_iter().all(belongs))
             .collect::<Vec<_>>();
         if inner.len() >= LEAST_CELLS { inner } else { piece.to_vec() }
     }
@@ -260,86 +256,5 @@ impl LabelledFrame {
         let (xx, xy, yy) = (moment(0, 0) + 1.0 / 3.0, moment(0, 1), moment(1, 1) + 1.0 / 3.0);
         let small = 0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
         4.0 * small.max(0.25).sqrt()
-    }
-}
-
-fn check(mark: &Mark, (width, height): (usize, usize)) -> Result<(), MarkError> {
-    let [u, v] = mark.centre();
-    if !((-0.5..=width as f64 - 0.5).contains(&u) && (-0.5..=height as f64 - 0.5).contains(&v)) {
-        return Err(MarkError::Outside { u, v, width, height });
-    }
-    let least = f64::from(DIAMETER_PX.0);
-    let (across, most) = match mark {
-        Mark::Outline { diameter, .. } => (*diameter, 2.0 * f64::from(DIAMETER_PX.1)),
-        Mark::Box { low, high } => ((high[0] - low[0]).min(high[1] - low[1]), LARGEST_BOX_PX),
-    };
-    if !(least..=most).contains(&across) {
-        return Err(MarkError::Size { u, v, across, least, most });
-    }
-    Ok(())
-}
-
-/// Colours around a box, counted in coarse steps.
-#[derive(Debug, Default)]
-struct Surroundings {
-    counts: HashMap<[i32; 3], f64>,
-    total: f64,
-}
-
-impl Surroundings {
-    fn add(&mut self, rgb: [f64; 3]) {
-        *self.counts.entry(Self::step(rgb)).or_default() += 1.0;
-        self.total += 1.0;
-    }
-
-    fn step(rgb: [f64; 3]) -> [i32; 3] {
-        rgb.map(|level| (level as i32) >> STEP_BITS)
-    }
-
-    /// Density per DN³, smoothed over neighbouring steps.
-    fn density(&self, rgb: [f64; 3]) -> f64 {
-        let [r, g, b] = Self::step(rgb);
-        let mut sum = 0.0;
-        for (dr, dg, db) in
-            (-1..=1).flat_map(|r| (-1..=1).flat_map(move |g| (-1..=1).map(move |b| (r, g, b))))
-        {
-            sum += self.counts.get(&[r + dr, g + dg, b + db]).copied().unwrap_or(0.0);
-        }
-        let volume = f64::from(3_u32 << STEP_BITS).powi(3);
-        // A colour that was never seen may occur, anywhere in the cube.
-        (sum / volume + 0.02 * self.total.max(1.0) / 256.0_f64.powi(3)) / self.total.max(1.0)
-    }
-}
-
-/// A normal distribution of colours, without correlations.
-#[derive(Debug, Clone, Copy)]
-struct Normal {
-    mean: [f64; 3],
-    variance: [f64; 3],
-}
-
-impl Normal {
-    fn of(colours: impl Iterator<Item = [f64; 3]> + Clone) -> Option<Self> {
-        let n = colours.clone().count() as f64;
-        if n < 1.0 {
-            return None;
-        }
-        let mean = [0, 1, 2].map(|c| colours.clone().map(|rgb| rgb[c]).sum::<f64>() / n);
-        let variance = [0, 1, 2].map(|c| {
-            colours.clone().map(|rgb| (rgb[c] - mean[c]).powi(2)).sum::<f64>() / n
-                + LEAST_SPREAD * LEAST_SPREAD
-        });
-        Some(Self { mean, variance })
-    }
-
-    /// Per DN³.
-    fn density(&self, rgb: [f64; 3]) -> f64 {
-        let mut exponent = 0.0;
-        let mut scale = 1.0;
-        for c in 0..3 {
-            exponent += (rgb[c] - self.mean[c]).powi(2) / (2.0 * self.variance[c]);
-            scale *= (std::f64::consts::TAU * self.variance[c]).sqrt();
-        }
-        (-exponent).exp() / scale
     }
 }

@@ -24,6 +24,10 @@ const FOLDS: usize = 5;
 const KEEP: f64 = 0.95;
 /// … where no more than this share of the other cells passes.
 const FEW: f64 = 0.05;
+/// Share of the ball's cells below which a gate loses the ball's outline: what is left has no longer its shape.
+const LEAST_KEPT: f64 = 0.5;
+/// Area under the curve below which colour hardly tells: of three pairs of cells it would confuse one.
+const LEAST_AREA: f64 = 0.7;
 /// How far all planes may be moved outwards for that, standard deviations of the ball's colours.
 const MOST_MARGIN: f64 = 1.5;
 
@@ -145,7 +149,7 @@ impl Learner {
             }
         }
         let (kept, let_through) = (confusion.kept(), confusion.let_through());
-        if let_through > MOST_LET_THROUGH || kept < 0.5 || area < 0.7 {
+        if let_through > MOST_LET_THROUGH || kept < LEAST_KEPT || area < LEAST_AREA {
             return Err(LearnError::NotSeparable { kept, let_through, area });
         }
         let kind = if grey { ColourKind::Grey } else { ColourKind::Mosaic };

@@ -1,3 +1,9 @@
+use super::MarkError;
+use crate::segment::candidate::DIAMETER_PX;
+
+/// Boxes may be this much larger than the largest ball, with its blur, px.
+const LARGEST_BOX_PX: f64 = 400.0;
+
 /// A ball that is marked in a frame, raw px.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Mark {
@@ -39,5 +45,25 @@ impl Mark {
             }
             Self::Box { low, high } => (*low, *high),
         }
+    }
+
+    /// Whether it can be a ball's in an image of so many columns and rows.
+    ///
+    /// # Errors
+    /// [`MarkError::Outside`], [`MarkError::Size`].
+    pub fn check(&self, (width, height): (usize, usize)) -> Result<(), MarkError> {
+        let [u, v] = self.centre();
+        if !((-0.5..=width as f64 - 0.5).contains(&u) && (-0.5..=height as f64 - 0.5).contains(&v)) {
+            return Err(MarkError::Outside { u, v, width, height });
+        }
+        let least = f64::from(DIAMETER_PX.0);
+        let (across, most) = match self {
+            Self::Outline { diameter, .. } => (*diameter, 2.0 * f64::from(DIAMETER_PX.1)),
+            Self::Box { low, high } => ((high[0] - low[0]).min(high[1] - low[1]), LARGEST_BOX_PX),
+        };
+        if !(least..=most).contains(&across) {
+            return Err(MarkError::Size { u, v, across, least, most });
+        }
+        Ok(())
     }
 }

@@ -4,6 +4,7 @@
 //! frames, cuts the ball's colours out of all others by a few planes ([`polytope`]), and says how well that separates
 //! the frames that it did not learn from.
 
+mod density;
 mod error;
 mod label;
 mod learner;

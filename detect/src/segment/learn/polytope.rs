@@ -39,7 +39,8 @@ impl Polytope {
             let spread = covariance[(0, 0)].sqrt();
             [-1.0, 1.0].map(|sign| Vector3::repeat(sign / (3.0 * spread))).to_vec()
         } else {
-            // w·x has variance wᵀ C w = 1 for w = L⁻ᵀ d, where C = L Lᵀ.
+            // w·x has variance wᵀ C w = 1 for w = L⁻ᵀ d, where C = L Lᵀ. With the least variance in it C is positive
+            // definite; for colours that are no numbers any directions will do.
             let factor = covariance.cholesky().map_or_else(Matrix3::identity, |c| c.l());
             let inverse = factor.transpose().try_inverse().unwrap_or_else(Matrix3::identity);
             sphere(DIRECTIONS).map(|d| inverse * d).collect()

@@ -239,11 +239,16 @@ impl Drawing<'_> {
     fn errors<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Failed<B>> {
         let errors = self.content.errors();
         let last_s = errors.last().map_or(1.0, |(t, _)| t.max(0.1));
-        let (median, p95) = self.content.error_quantiles().unwrap_or_default();
-        let top = (2.0 * p95).max(1.0);
+        let quantiles = self.content.error_quantiles();
+        let top = quantiles.map_or(1.0, |(_, p95)| (2.0 * p95).max(1.0));
         let beyond = errors.iter().filter(|(_, e)| *e > top).count();
         let beyond = if beyond > 0 { format!("; {beyond} beyond the scale") } else { String::new() };
-        let title = format!("measured against the truth (mm): median {median:.2}, 95 % {p95:.2}{beyond}");
+        let title = match quantiles {
+            Some((median, p95)) => {
+                format!("measured against the truth (mm): median {median:.2}, 95 % {p95:.2}{beyond}")
+            }
+            None => "measured against the truth: no position is of an instant that has one".to_owned(),
+        };
         let mut chart = ChartBuilder::on(area)
             .caption(title, (FONT, 20))
             .margin(12)

@@ -153,7 +153,7 @@ impl Frames {
         Ok(())
     }
 
-    /// Whether the rig has the cameras, and recordings the cameras' mosaics.
+    /// Whether the rig has the cameras.
     pub(super) fn check_against(&self, rig: &Rig, path: &Path) -> Result<(), String> {
         let names = || rig.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
         for camera in 0..self.cameras() {

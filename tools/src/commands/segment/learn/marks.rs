@@ -14,7 +14,14 @@ use super::frames::{Frame, Frames};
 /// Marks by camera and place of the frame; a frame with an empty list shows no ball.
 #[derive(Debug, Default)]
 pub(super) struct Marks {
-    by_frame: BTreeMap<(usize, usize), Vec<Written>>,
+    by_frame: BTreeMap<(usize, usize), Vec<Noted>>,
+}
+
+/// A mark, and for messages where it stands: file and line, or what it was made from.
+#[derive(Debug)]
+struct Noted {
+    mark: Written,
+    origin: String,
 }
 
 /// A mark as it is written.
@@ -81,23 +88,21 @@ impl Marks {
         by_camera.into_iter().flat_map(spread).collect()
     }
 
-    /// The marks of a frame.
+    /// The marks of a frame; the error of one that cannot be a ball's names where it stands.
     pub(super) fn of(&self, camera: usize, place: usize, frame: &Frame) -> Result<Vec<Mark>, String> {
         let (width, height) = (frame.size.0 as f64, frame.size.1 as f64);
-        let mark = |written: &Written| match *written {
-            Written::Pixels(mark) => Ok(mark),
-            Written::Yolo([x, y, w, h]) => {
-                if [x, y, w, h].iter().any(|share| !(0.0..=1.0).contains(share)) {
-                    return Err(format!(
-                        "{}: the label {x} {y} {w} {h} is not of shares of the image, 0 to 1",
-                        frame.name
-                    ));
+        let mark = |noted: &Noted| {
+            let mark = match noted.mark {
+                Written::Pixels(mark) => mark,
+                Written::Yolo([x, y, w, h]) => {
+                    // Pixel (0, 0) is the centre of the first; YOLO counts from its corner.
+                    let edge =
+                        |sign: f64| [(x + sign * 0.5 * w) * width - 0.5, (y + sign * 0.5 * h) * height - 0.5];
+                    Mark::Box { low: edge(-1.0), high: edge(1.0) }
                 }
-                // Pixel (0, 0) is the centre of the first; YOLO counts from its corner.
-                let edge =
-                    |sign: f64| [(x + sign * 0.5 * w) * width - 0.5, (y + sign * 0.5 * h) * height - 0.5];
-                Ok(Mark::Box { low: edge(-1.0), high: edge(1.0) })
-            }
+            };
+            mark.check(frame.size).map_err(|e| format!("{}: {e}", noted.origin))?;
+            Ok(mark)
         };
         self.by_frame.get(&(camera, place)).into_iter().flatten().map(mark).collect()
     }
@@ -106,18 +111,13 @@ impl Marks {
         let text =
             fs::read_to_string(path).map_err(|e| format!("cannot read the marks {}: {e}", path.display()))?;
         let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        let wrong = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-        let rows: Vec<Row> = if is_json {
-            serde_json::from_str(&text).map_err(|e| wrong(&e))?
-        } else {
-            let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-            reader.deserialize().collect::<Result<_, _>>().map_err(|e| wrong(&e))?
-        };
+        let rows = if is_json { json_rows(path, &text) } else { csv_rows(path, &text) }?;
         let mut marks = Self::default();
-        for (n, row) in rows.iter().enumerate() {
+        for (origin, row) in rows {
             let add = row.place(frames).and_then(|place| Ok((place, row.mark()?)));
-            let (place, mark) = add.map_err(|e| format!("{}: mark {}: {e}", path.display(), n + 1))?;
-            marks.by_frame.entry(place).or_default().extend(mark.map(Written::Pixels));
+            let (place, mark) = add.map_err(|e| format!("{origin}: {e}"))?;
+            let noted = mark.map(|mark| Noted { mark: Written::Pixels(mark), origin });
+            marks.by_frame.entry(place).or_default().extend(noted);
         }
         Ok(marks)
     }
@@ -136,19 +136,14 @@ impl Marks {
                     .map_err(|e| format!("cannot read the labels {}: {e}", path.display()))?;
                 let list = marks.by_frame.entry((camera, place)).or_default();
                 for (n, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-                    let numbers =
-                        line.split_whitespace().map(str::parse::<f64>).collect::<Result<Vec<_>, _>>();
-                    match numbers.as_deref() {
-                        Ok([_, x, y, w, h]) => list.push(Written::Yolo([*x, *y, *w, *h])),
-                        _ => {
-                            return Err(format!(
-                                "{}:{}: {line:?} is no YOLO label; it must be `class x y width height`",
-                                path.display(),
-                                n + 1
-                            )
-                            .into());
-                        }
-                    }
+                    let origin = format!("{}:{}", path.display(), n + 1);
+                    let shares = yolo_shares(line).ok_or_else(|| {
+                        format!(
+                            "{origin}: {line:?} is no YOLO label; it must be `class x y width height`, the centre and \
+                             the size as shares of the image, 0 to 1"
+                        )
+                    })?;
+                    list.push(Noted { mark: Written::Yolo(shares), origin });
                 }
             }
         }
@@ -160,6 +155,7 @@ impl Marks {
         let by_stamp = frames.truth().iter().map(|truth| (truth.t_ns, truth)).collect::<BTreeMap<_, _>>();
         let mut marks = Self::default();
         for camera in 0..frames.cameras() {
+            // `Frames::check_against` has refused frames of other cameras.
             let Some(known) = rig.camera(frames.camera(camera)) else { continue };
             for place in 0..frames.count(camera) {
                 let Some(truth) = frames.stamp_ns(camera, place).and_then(|t| by_stamp.get(&t)) else {
@@ -184,7 +180,9 @@ impl Marks {
                 let diameter = rig.ball.diameter_m * known.model.fx / range;
                 let path = [ahead.x - behind.x, ahead.y - behind.y];
                 let mark = Mark::Outline { centre: [seen.u_px, seen.v_px], diameter, path };
-                marks.by_frame.entry((camera, place)).or_default().push(Written::Pixels(mark));
+                let origin = format!("/truth/ball at {} ns, seen by camera {}", truth.t_ns, known.name);
+                let noted = Noted { mark: Written::Pixels(mark), origin };
+                marks.by_frame.entry((camera, place)).or_default().push(noted);
             }
         }
         marks
@@ -236,34 +234,86 @@ impl Row {
 
     /// The mark; none where the row says that the frame shows no ball.
     fn mark(&self) -> Result<Option<Mark>, String> {
-        let blur = [self.blur_u, self.blur_v].map(|b| b.unwrap_or(0.0));
-        match (self.u, self.v, self.diameter, self.x0, self.y0, self.x1, self.y1) {
-            (Some(u), Some(v), Some(diameter), None, None, None, None) => {
-                Ok(Some(Mark::Outline { centre: [u, v], diameter, path: blur }))
+        let outline = [self.u, self.v, self.diameter];
+        let blur = [self.blur_u, self.blur_v];
+        let corners = [self.x0, self.y0, self.x1, self.y1];
+        match (outline, blur, corners) {
+            ([Some(u), Some(v), Some(diameter)], [None, None], [None, None, None, None]) => {
+                Ok(Some(Mark::Outline { centre: [u, v], diameter, path: [0.0; 2] }))
             }
-            (None, None, None, Some(x0), Some(y0), Some(x1), Some(y1)) => {
+            ([Some(u), Some(v), Some(diameter)], [Some(along_u), Some(along_v)], [None, None, None, None]) => {
+                Ok(Some(Mark::Outline { centre: [u, v], diameter, path: [along_u, along_v] }))
+            }
+            ([None, None, None], [None, None], [Some(x0), Some(y0), Some(x1), Some(y1)]) => {
                 Ok(Some(Mark::Box { low: [x0, y0], high: [x1, y1] }))
             }
-            (None, None, None, None, None, None, None) => Ok(None),
-            _ => {
-                Err("it must have u, v and diameter, or x0, y0, x1 and y1, or none of them (no ball)"
-                    .to_owned())
-            }
+            ([None, None, None], [None, None], [None, None, None, None]) => Ok(None),
+            _ => Err("it must have u, v and diameter (and both of blur_u and blur_v, or neither), or x0, y0, x1 and \
+                      y1, or none of them (no ball)"
+                .to_owned()),
         }
     }
 }
 
+/// The rows of a CSV file, each with its file and line.
+fn csv_rows(path: &Path, text: &str) -> Result<Vec<(String, Row)>, String> {
+    let wrong = |e: csv::Error| match e.position() {
+        Some(at) => format!("{}:{}: {}", path.display(), at.line(), reason(&e)),
+        None => format!("{}: {e}", path.display()),
+    };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let names = reader.headers().map_err(wrong)?.clone();
+    let records = reader.records();
+    records
+        .map(|record| {
+            let record = record.map_err(wrong)?;
+            // The reader gives every record its place.
+            let line = record.position().map_or(0, csv::Position::line);
+            let row = record.deserialize(Some(&names)).map_err(wrong)?;
+            Ok((format!("{}:{line}", path.display()), row))
+        })
+        .collect()
+}
+
+/// What is wrong, without the place that csv puts before it.
+fn reason(e: &csv::Error) -> String {
+    match e.kind() {
+        csv::ErrorKind::Deserialize { err, .. } => match err.field() {
+            Some(field) => format!("column {}: {}", field + 1, err.kind()),
+            None => err.kind().to_string(),
+        },
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("it has {len} columns, the first line {expected_len}")
+        }
+        _ => e.to_string(),
+    }
+}
+
+/// The objects of a JSON file, each with the file and its number; an error of syntax has its line.
+fn json_rows(path: &Path, text: &str) -> Result<Vec<(String, Row)>, String> {
+    let rows: Vec<Row> = serde_json::from_str(text)
+        .map_err(|e| format!("{}:{}: {e}; it must be a list of marks", path.display(), e.line()))?;
+    let origin = |n: usize| format!("{}: mark {} of the list", path.display(), n + 1);
+    Ok(rows.into_iter().enumerate().map(|(n, row)| (origin(n), row)).collect())
+}
+
+/// Centre and size in a line of YOLO labels.
+fn yolo_shares(line: &str) -> Option<[f64; 4]> {
+    let numbers = line.split_whitespace().map(str::parse::<f64>).collect::<Result<Vec<_>, _>>().ok()?;
+    let [_class, shares @ ..] = <[f64; 5]>::try_from(numbers).ok()?;
+    shares.iter().all(|share| (0.0..=1.0).contains(share)).then_some(shares)
+}
+
 /// Where a picture's labels may be.
 fn label_of(picture: &Path, folder: Option<&Path>) -> Vec<PathBuf> {
-    let name = picture.with_extension("txt");
-    let name = Path::new(name.file_name().unwrap_or_default());
-    match (folder, picture.parent()) {
-        (Some(folder), _) => vec![folder.join(name)],
-        (None, Some(here)) => {
-            let beside =
-                here.parent().map_or_else(|| Path::new("..").join("labels"), |above| above.join("labels"));
-            vec![here.join(name), beside.join(name)]
+    let beside = picture.with_extension("txt");
+    // Pictures come from a folder's listing: they have a name, and a folder.
+    let (Some(name), Some(here)) = (beside.file_name(), beside.parent()) else { return Vec::new() };
+    match folder {
+        Some(folder) => vec![folder.join(name)],
+        None => {
+            let labels = here.parent().unwrap_or(Path::new("..")).join("labels").join(name);
+            vec![beside, labels]
         }
-        (None, None) => Vec::new(),
     }
 }

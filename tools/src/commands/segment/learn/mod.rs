@@ -5,13 +5,17 @@ mod marks;
 mod picture;
 mod report;
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    ffi::OsString,
+    path::{Path, PathBuf},
+};
 
 use netcord_common::{
     CameraName, FrameView, PixelFormat,
     rig::{LearningNote, RigEdit},
 };
-use netcord_detect::segment::learn::{Learner, Lesson};
+use netcord_detect::segment::learn::{Learner, Lesson, Mark, MarkError};
 
 use self::{
     frames::{Frame, Frames},
@@ -72,12 +76,7 @@ struct Class {
 }
 
 /// Learns from `input`, and writes what was learnt into the rig file.
-pub fn run(
-    args: &LearnArgs,
-    input: &std::path::Path,
-    rig: &std::path::Path,
-    only: Option<&CameraName>,
-) -> CommandResult {
+pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>) -> CommandResult {
     let (mut edit, begun) =
         if rig.exists() { (RigEdit::open(rig)?, false) } else { (RigEdit::create(rig, "learnt"), true) };
     let frames = Frames::open(input, only)?;
@@ -148,12 +147,7 @@ pub fn run(
 }
 
 /// Learns from one frame. A box in which no ball can be told is left out with its frame.
-fn see(
-    class: &mut Class,
-    frame: &Frame,
-    marks: &[netcord_detect::segment::learn::Mark],
-) -> Result<(), String> {
-    use netcord_detect::segment::learn::MarkError;
+fn see(class: &mut Class, frame: &Frame, marks: &[Mark]) -> Result<(), String> {
     let view = FrameView::new(&frame.pixels, frame.size, frame.size.0, frame.format)
         .map_err(|e| format!("{}: {e}", frame.name))?;
     match class.learner.see(&view, marks) {
@@ -198,7 +192,13 @@ fn note(lesson: &Lesson) -> LearningNote {
 }
 
 /// `p.png` becomes `p-2.png`.
-fn numbered(path: &std::path::Path, n: usize) -> PathBuf {
-    let part = |part: Option<&std::ffi::OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
-    path.with_file_name(format!("{}-{n}.{}", part(path.file_stem()), part(path.extension())))
+fn numbered(path: &Path, n: usize) -> PathBuf {
+    // A path without a name was refused with the arguments (`file_to_write`).
+    let mut name = path.file_stem().map_or_else(OsString::new, OsString::from);
+    name.push(format!("-{n}"));
+    if let Some(extension) = path.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    path.with_file_name(name)
 }

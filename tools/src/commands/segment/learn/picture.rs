@@ -42,7 +42,8 @@ pub(super) struct MarkedBall {
 impl MarkedBall {
     /// Of a frame's labels.
     pub(super) fn of(frame: &Frame, labelled: &LabelledFrame) -> Vec<Self> {
-        let name = std::path::Path::new(&frame.name).file_name().unwrap_or_default().to_string_lossy();
+        // There is little room: without the folders.
+        let name = frame.name.rsplit('/').next().unwrap_or(&frame.name);
         let (columns, rows) = labelled.size;
         let crop = |ball: &Vec<usize>| {
             let n = ball.len().max(1);
