@@ -33,7 +33,13 @@ pub struct RigTopics {
     truth: Option<ChannelId>,
     scene: Scene,
     rig: Rig,
+    /// The stamp at which what does not change was last written.
+    stood_ns: Option<u64>,
 }
+
+/// What does not change is written this often, ns: who jumps into a recording, or lets it begin again, needs no message
+/// from its beginning, and waits no longer.
+const STAND_EVERY_NS: u64 = 1_000_000_000;
 
 #[derive(Debug)]
 struct CameraTopics {
@@ -91,10 +97,12 @@ impl RigTopics {
             truth: wanted.truth.then(|| writer.channel("/truth/ball", &truth_schema())),
             scene: Scene::new(rig),
             rig: rig.clone(),
+            stood_ns: None,
         }
     }
 
-    /// What does not change: calibration, poses, table.
+    /// What does not change: calibration, poses, table. To be called before all that is of `stamp_ns`; it is written
+    /// at first, and then once a second.
     ///
     /// # Errors
     /// As [`RecordingWriter::write`], here and below.
@@ -103,6 +111,11 @@ impl RigTopics {
         writer: &mut RecordingWriter<P>,
         stamp_ns: u64,
     ) -> Result<(), RecordingError> {
+        // Stamps of cameras and stages interleave, and those of a looped replay may start again.
+        if self.stood_ns.is_some_and(|at| stamp_ns.abs_diff(at) < STAND_EVERY_NS) {
+            return Ok(());
+        }
+        self.stood_ns = Some(stamp_ns);
         let parent = world_frame_id(&self.rig);
         for (topics, camera) in self.cameras.iter().zip(&self.rig.cameras) {
             let calibration = calibration_message(stamp_ns, &topics.name, &camera.model);
@@ -199,5 +212,41 @@ impl RigTopics {
         let Some(channel) = self.truth else { return Ok(()) };
         let json = serde_json::to_vec(truth).expect("a map of numbers is always JSON");
         writer.write(channel, truth.t_ns, &json, None)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{collections::BTreeMap, path::Path};
+
+    use netcord_capture::recording::WriterOptions;
+
+    use super::*;
+
+    /// Who jumps into the middle of a recording, or lets it begin again, has table, poses and lenses within a second.
+    #[test]
+    fn what_does_not_change_is_written_once_a_second() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
+        let rig = Rig::load(&file).expect("the example is valid");
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("out.mcap");
+        let mut writer =
+            RecordingWriter::<Vec<u8>>::create(&path, WriterOptions::default()).expect("created");
+        let mut topics = RigTopics::new(&mut writer, &rig, Wanted { images: false, truth: false });
+        // 3.2 s at 50 Hz of two cameras, whose stamps differ a little; then from the start again.
+        let lap = (0..160_u64).flat_map(|n| [n * 20_000_000 + 500, n * 20_000_000]);
+        for t_ns in lap.clone().chain(lap) {
+            topics.stand(&mut writer, 1_000_000_000 + t_ns).expect("written");
+        }
+        writer.finish().expect("written");
+
+        let bytes = std::fs::read(&path).expect("written");
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        for message in mcap::MessageStream::new(&bytes).expect("a recording") {
+            *counts.entry(message.expect("whole").channel.topic.clone()).or_default() += 1;
+        }
+        let expected = [("/camera/left/calibration", 8), ("/camera/right/calibration", 8)];
+        let expected = expected.into_iter().chain([("/scene/table", 8), ("/tf", 16)]);
+        assert_eq!(counts, expected.map(|(topic, n)| (topic.to_owned(), n)).collect());
     }
 }

@@ -86,7 +86,6 @@ impl Outputs {
 struct Files {
     rig: Rig,
     recording: Option<(RecordingWriter<FramePixels>, RigTopics)>,
-    begun: bool,
     truth: std::iter::Peekable<std::vec::IntoIter<RecordedTruth>>,
     positions: Option<Table>,
     detections: Option<Table>,
@@ -116,7 +115,6 @@ impl Files {
         Ok(Self {
             rig: rig.clone(),
             recording,
-            begun: false,
             truth: truth.into_iter().peekable(),
             positions: table(&paths.positions, Table::POSITIONS)?,
             detections: table(&paths.detections, Table::DETECTIONS)?,
@@ -151,9 +149,7 @@ impl Files {
         let Some((writer, topics)) = &mut self.recording else { return Ok(()) };
         let stamps = exposure.frames.iter().flatten().map(|f| f.header.stamps.mid_exposure_ns);
         let Some(t_ns) = stamps.min() else { return Ok(()) };
-        if !std::mem::replace(&mut self.begun, true) {
-            topics.stand(writer, t_ns)?;
-        }
+        topics.stand(writer, t_ns)?;
         for frame in exposure.frames.into_iter().flatten() {
             let format = PixelFormat::from_pfnc(frame.header.pixel_format).unwrap_or(PixelFormat::Mono8);
             topics.frame(writer, &frame.header, format, frame.pixels)?;

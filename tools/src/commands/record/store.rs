@@ -141,7 +141,7 @@ impl Store {
         let ended = Arc::new(AtomicBool::new(false));
         let failed = |cause| RecordingError::File { doing: "share", path: path.to_owned(), cause };
         let file = writer.file().try_clone().map_err(failed)?;
-        let mut keeper = Keeper { writer, topics, rig: rig.clone(), stood: false, written: Instant::now() };
+        let mut keeper = Keeper { writer, topics, rig: rig.clone(), written: Instant::now() };
         let has_ended = Arc::clone(&ended);
         let thread = std::thread::Builder::new()
             .name("store".into())
@@ -195,8 +195,6 @@ struct Keeper {
     writer: RecordingWriter<RecordedFrame>,
     topics: RigTopics,
     rig: Rig,
-    /// Whether what does not change has been written.
-    stood: bool,
     written: Instant,
 }
 
@@ -216,11 +214,8 @@ impl Keeper {
     }
 
     fn store(&mut self, event: Event) -> Result<(), RecordingError> {
-        if !self.stood {
-            self.topics.stand(&mut self.writer, event.stamp_ns())?;
-            self.stood = true;
-        }
         let (topics, writer) = (&mut self.topics, &mut self.writer);
+        topics.stand(writer, event.stamp_ns())?;
         match event {
             Event::Frame(frame) => {
                 let header = frame.header;
