@@ -2,6 +2,8 @@
 
 use std::{error::Error, process::ExitCode};
 
+use crate::console;
+
 /// What a subcommand ends with when it did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -14,8 +16,9 @@ pub enum Outcome {
 /// The result of a subcommand. Errors are sentences for the person at the terminal.
 pub type CommandResult = Result<Outcome, Box<dyn Error>>;
 
-/// Prints an error with its causes to standard error, and gives the exit code.
+/// Ends standard output, prints an error with its causes to standard error, and gives the exit code.
 pub fn code_of(result: CommandResult) -> ExitCode {
+    let result = result.and_then(|outcome| Ok(console::finish().map(|()| outcome)?));
     match result {
         Ok(Outcome::Good) => ExitCode::SUCCESS,
         Ok(Outcome::Missed) => ExitCode::from(1),

@@ -1,5 +1,9 @@
 //! `netcord`: one executable, each subcommand a process of its own.
 
+// First, so that its macros hold in all that follows.
+#[macro_use]
+mod console;
+
 mod bench;
 mod cli;
 mod commands;

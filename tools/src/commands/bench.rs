@@ -1,6 +1,6 @@
 //! `netcord bench`: kernels, transport and the whole pipeline, measured beside the machine's floors.
 
-use std::{fs, io::Write as _, path::PathBuf};
+use std::{fs, path::PathBuf};
 
 use clap::ValueEnum;
 use netcord_capture::synthetic::scene::Preset;
@@ -13,6 +13,7 @@ use crate::{
         FrameRing, measure_kernels, measure_ladder, measure_prediction, measure_record_effect,
         measure_recovery, measure_transport, measure_triangulation, measure_view_effect, serve_reader,
     },
+    console,
     exit::{CommandResult, Outcome},
     terminal::LiveLines,
     trial::example_rig,
@@ -85,7 +86,10 @@ pub fn run(args: &Args) -> CommandResult {
             println!("{key}: {value}");
             report.insert(key.to_owned(), value);
         }
-        std::io::stdout().flush()?;
+        if args.report.is_none() && !console::is_read() {
+            // Whoever read us has seen enough: what follows would be measured for nobody.
+            break;
+        }
     }
     if let Some(path) = &args.report {
         let text = serde_json::to_string_pretty(&report)?;

@@ -2,10 +2,7 @@
 
 mod as_json;
 
-use std::{
-    io::{self, BufWriter, Write},
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
@@ -18,7 +15,10 @@ use serde_json::{Map, Value};
 
 use self::as_json::AsJson;
 use super::RigArgs;
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    console,
+    exit::{CommandResult, Outcome},
+};
 
 /// Arguments of `netcord listen`.
 ///
@@ -52,10 +52,10 @@ pub fn run(args: &Args) -> CommandResult {
     let stop = Shutdown::on_signals()?;
     let sources = sources(&rig, &domain, &args.topics)?;
     let listeners: Vec<&dyn Listen> = sources.iter().map(|s| s.source.listener()).collect();
-    let mut out = BufWriter::new(io::stdout().lock());
     let started = Instant::now();
     let mut seen = 0;
-    while !stop.is_requested() {
+    // Whoever read us may have seen enough.
+    while !stop.is_requested() && console::is_read() {
         if args.seconds.is_some_and(|s| started.elapsed().as_secs_f64() >= s) {
             let missed = args.count.is_some();
             return Ok(if missed { Outcome::Missed } else { Outcome::Good });
@@ -65,18 +65,13 @@ pub fn run(args: &Args) -> CommandResult {
             while let Some(Value::Object(message)) = source.source.next()? {
                 let mut line = Map::from_iter([("topic".to_owned(), source.topic.clone().into())]);
                 line.extend(message);
-                if serde_json::to_writer(&mut out, &line).is_err() || writeln!(out).is_err() {
-                    // Whoever read us has seen enough.
-                    return Ok(Outcome::Good);
-                }
+                println!("{}", Value::Object(line));
                 seen += 1;
                 if args.count.is_some_and(|count| seen >= count) {
-                    out.flush()?;
                     return Ok(Outcome::Good);
                 }
             }
         }
-        out.flush()?;
     }
     Ok(Outcome::Good)
 }
