@@ -45,6 +45,34 @@ impl Blob {
         let [x, y, xx, xy, yy] = self.sums.map(|s| s / n);
         [xx - x * x + 1.0 / 12.0, xy - x * y, yy - y * y + 1.0 / 12.0]
     }
+
+    /// Whether it is no wider and no higher than `most` cells.
+    const fn fits(&self, most: u16) -> bool {
+        self.x1 - self.x0 <= most && self.y1 - self.y0 <= most
+    }
+
+    /// Takes in a run, but for the moments.
+    fn grow(&mut self, run: &Run) {
+        self.cells += u32::from(run.x1 - run.x0);
+        self.x0 = self.x0.min(run.x0);
+        self.x1 = self.x1.max(run.x1);
+        self.y0 = self.y0.min(run.row);
+        self.y1 = self.y1.max(run.row + 1);
+    }
+
+    /// Adds a run's moments: closed sums over x = a … b − 1.
+    fn add_moments(&mut self, run: &Run) {
+        let [x, y] = self.origin.map(f64::from);
+        let (a, b, y) = (f64::from(run.x0) - x, f64::from(run.x1) - x, f64::from(run.row) - y);
+        let n = b - a;
+        let sum_x = 0.5 * n * (a + b - 1.0);
+        let squares = |m: f64| (m - 1.0) * m * (2.0 * m - 1.0) / 6.0;
+        let sum_xx = squares(b) - squares(a);
+        let added = [sum_x, n * y, sum_xx, sum_x * y, n * y * y];
+        for (sum, added) in self.sums.iter_mut().zip(added) {
+            *sum += added;
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -62,27 +90,49 @@ pub struct BlobFinder {
     blobs: Vec<Blob>,
     place: Vec<u32>,
     overflow: bool,
+    most: u16,
+    larger: bool,
+    cells: u64,
 }
 
 impl BlobFinder {
-    /// With room for all that it will ever hold.
-    pub fn new() -> Self {
+    /// For blobs of up to `most` cells in width and height, with room for all that it will ever hold.
+    pub fn new(most: u16) -> Self {
         Self {
             runs: Vec::with_capacity(MAX_RUNS),
             blobs: Vec::with_capacity(MAX_BLOBS),
             place: Vec::with_capacity(MAX_RUNS),
-            overflow: false,
+            most,
+            ..Self::empty()
         }
     }
 
     /// With room for nothing: what stands in the place of one that is lent.
     pub const fn empty() -> Self {
-        Self { runs: Vec::new(), blobs: Vec::new(), place: Vec::new(), overflow: false }
+        Self {
+            runs: Vec::new(),
+            blobs: Vec::new(),
+            place: Vec::new(),
+            overflow: false,
+            most: 0,
+            larger: false,
+            cells: 0,
+        }
     }
 
-    /// The blobs of the last search.
+    /// The blobs of the last search that are no larger than asked for.
     pub fn blobs(&self) -> &[Blob] {
         &self.blobs
+    }
+
+    /// Whether there were larger ones.
+    pub const fn saw_larger(&self) -> bool {
+        self.larger
+    }
+
+    /// Cells of all blobs, the larger ones too.
+    pub const fn cells(&self) -> u64 {
+        self.cells
     }
 
     /// Whether there were more than could be held.
@@ -95,7 +145,7 @@ impl BlobFinder {
         self.runs.clear();
         self.blobs.clear();
         self.place.clear();
-        self.overflow = false;
+        (self.overflow, self.larger, self.cells) = (false, false, 0);
         // First runs of this row and of the two rows above it.
         let (mut above2, mut above) = (0, 0);
         for row in rows {
@@ -190,41 +240,32 @@ impl BlobFinder {
     fn gather(&mut self) {
         for i in 0..self.runs.len() {
             let root = self.root(i);
-            if root == i {
+            let run = self.runs[i];
+            let place = if root == i {
                 let place = self.blobs.len();
                 if place == MAX_BLOBS {
                     self.overflow = true;
                     return;
                 }
-                self.place.push(place as u32);
-                let origin = [self.runs[i].x0, self.runs[i].row];
-                self.blobs.push(Blob { origin, ..Blob::EMPTY });
+                self.blobs.push(Blob { origin: [run.x0, run.row], ..Blob::EMPTY });
+                place as u32
             } else {
-                let place = self.place[root];
-                self.place.push(place);
-            }
-            let run = self.runs[i];
-            let blob = &mut self.blobs[self.place[i] as usize];
-            blob.cells += u32::from(run.x1 - run.x0);
-            blob.x0 = blob.x0.min(run.x0);
-            blob.x1 = blob.x1.max(run.x1);
-            blob.y0 = blob.y0.min(run.row);
-            blob.y1 = blob.y1.max(run.row + 1);
-            // Closed sums over x = a … b − 1.
-            let (a, b) = (
-                f64::from(run.x0) - f64::from(blob.origin[0]),
-                f64::from(run.x1) - f64::from(blob.origin[0]),
-            );
-            let y = f64::from(run.row) - f64::from(blob.origin[1]);
-            let n = b - a;
-            let sum_x = 0.5 * n * (a + b - 1.0);
-            let squares = |m: f64| (m - 1.0) * m * (2.0 * m - 1.0) / 6.0;
-            let sum_xx = squares(b) - squares(a);
-            let added = [sum_x, n * y, sum_xx, sum_x * y, n * y * y];
-            for (sum, added) in blob.sums.iter_mut().zip(added) {
-                *sum += added;
+                self.place[root]
+            };
+            self.place.push(place);
+            self.blobs[place as usize].grow(&run);
+        }
+        self.cells = self.blobs.iter().map(|blob| u64::from(blob.cells)).sum();
+        // Most runs are those of bodies, whose moments nobody asks for.
+        for (run, place) in self.runs.iter().zip(&self.place) {
+            let blob = &mut self.blobs[*place as usize];
+            if blob.fits(self.most) {
+                blob.add_moments(run);
             }
         }
+        let all = self.blobs.len();
+        self.blobs.retain(|blob| blob.fits(self.most));
+        self.larger = self.blobs.len() < all;
     }
 }
 
@@ -310,7 +351,7 @@ mod tests {
                     words[y * words_per_row + x / 16] |= 1 << (x % 16);
                 }
             }
-            let mut finder = BlobFinder::new();
+            let mut finder = BlobFinder::new(u16::MAX);
             finder.find(&words, words_per_row, 0..h);
             let cells = cells.iter().map(|row| filled(row)).collect::<Vec<_>>();
             let mut found = finder

@@ -9,11 +9,18 @@ pub const DIAMETER_PX: (f32, f32) = (3.0, 75.0);
 /// Longest path during one exposure that is looked for, px.
 pub const LONGEST_PATH_PX: f32 = 150.0;
 
+/// The widest and highest blob of a ball, in cells of 2 px: wide lenses stretch, and marks are broader than the ball
+/// by what touches a cell.
+pub const MOST_CELLS: u16 = (1.3 * (DIAMETER_PX.1 + LONGEST_PATH_PX) / 2.0) as u16;
+
 /// Fewest cells of a candidate: a ball of 4 px covers three.
 const LEAST_CELLS: u32 = 3;
 
 /// By how much the longer second moment of a round blob's cells exceeds the shorter one, as a rule.
 const RAGGED: f64 = 0.12;
+
+/// What is left of the rank of something slow: more balls lie about than fly, but those that fly count.
+const SLOW_SHARE: f32 = 0.5;
 
 /// A blob seen as a swept disc.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +33,8 @@ pub struct Start {
     pub likeness: f32,
     /// How well a few of its cells agree with the ball's colour, 0–1.
     pub colour: f32,
+    /// Whether something was here in the last frame already, or rolls past.
+    pub slow: bool,
 }
 
 impl Start {
@@ -44,17 +53,13 @@ impl Start {
     pub fn rank(&self) -> f32 {
         let size = (self.sweep.area() / 40.0).min(1.0);
         let width = ((self.sweep.radius - 0.9) / 1.2).clamp(0.1, 1.0);
-        self.likeness * size * width * self.colour
+        self.likeness * size * width * self.colour * if self.slow { SLOW_SHARE } else { 1.0 }
     }
 }
 
-/// Whether a blob's size is within what a ball can have.
-pub fn is_of_size(blob: &Blob) -> bool {
-    let width = 2.0 * f32::from(blob.x1 - blob.x0);
-    let height = 2.0 * f32::from(blob.y1 - blob.y0);
-    // Wide lenses stretch; marks are broader than the ball by what touches a cell.
-    let most = 1.3 * (DIAMETER_PX.1 + LONGEST_PATH_PX);
-    blob.cells >= LEAST_CELLS && width <= most && height <= most
+/// Whether a blob has as many cells as the smallest ball.
+pub const fn is_of_size(blob: &Blob) -> bool {
+    blob.cells >= LEAST_CELLS
 }
 
 /// The centre of a blob in pixels.
@@ -95,5 +100,5 @@ pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
     let grown = Sweep { radius: sweep.radius + 0.5, ..sweep };
     let ratio = marked / grown.area();
     let likeness = (-((ratio.ln() / 0.5).powi(2))).exp();
-    Some(Start { place: *place, sweep, likeness, colour: 1.0 })
+    Some(Start { place: *place, sweep, likeness, colour: 1.0, slow: false })
 }

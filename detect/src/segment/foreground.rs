@@ -43,40 +43,51 @@ impl Foreground {
         self.words_per_row
     }
 
-    /// Marks what differs in the whole frame. Half of its rows are read: the others only beside what differs in
-    /// these.
+    /// Marks what differs in the whole frame. Half of its rows are read only beside what differs in the others.
     pub fn mark(&mut self, view: &FrameView<'_>, background: &Background) {
         let cells = view.height() / 2;
         for cell_y in (0..cells).step_by(ROWS_PER_LOOK) {
-            let words = &mut self.words[cell_y * self.words_per_row..][..self.words_per_row];
-            let y = 2 * cell_y;
-            self.kernel.foreground(
-                [view.row(y), view.row(y + 1)],
-                [background.row(y), background.row(y + 1)],
-                background.tables(y),
-                ZONE_PX,
-                2 * ROWS_PER_LOOK * view.width(),
-                words,
-            );
-        }
-        for cell_y in (0..cells).filter(|cell_y| cell_y % ROWS_PER_LOOK != 0) {
-            let above = (cell_y - 1) * self.words_per_row;
-            let (before, rest) = self.words[above..].split_at_mut(self.words_per_row);
-            let (words, after) = rest.split_at_mut(self.words_per_row);
-            // The last row has none below it.
-            let after = if cell_y + 1 < cells { &after[..self.words_per_row] } else { &*before };
-            if !mark_neighbours(before, after, &mut self.both, words) {
-                continue;
+            self.look(view, background, cell_y);
+            // At once: what was read beside it is still near.
+            if let Some(between) = cell_y.checked_sub(1) {
+                self.fill_in(view, background, between, true);
             }
-            let y = 2 * cell_y;
-            self.kernel.foreground_among(
-                [view.row(y), view.row(y + 1)],
-                [background.row(y), background.row(y + 1)],
-                background.tables(y),
-                ZONE_PX,
-                words,
-            );
         }
+        if cells > 0 && cells.is_multiple_of(ROWS_PER_LOOK) {
+            self.fill_in(view, background, cells - 1, false);
+        }
+    }
+
+    /// Marks a row of cells, all of it.
+    fn look(&mut self, view: &FrameView<'_>, background: &Background, cell_y: usize) {
+        let words = &mut self.words[cell_y * self.words_per_row..][..self.words_per_row];
+        let y = 2 * cell_y;
+        self.kernel.foreground(
+            [view.row(y), view.row(y + 1)],
+            [background.row(y), background.row(y + 1)],
+            background.tables(y),
+            ZONE_PX,
+            2 * ROWS_PER_LOOK * view.width(),
+            words,
+        );
+    }
+
+    /// Marks a row of cells beside the marks of the row above it and, where there is one, of the row below.
+    fn fill_in(&mut self, view: &FrameView<'_>, background: &Background, cell_y: usize, has_below: bool) {
+        let (before, rest) = self.words[(cell_y - 1) * self.words_per_row..].split_at_mut(self.words_per_row);
+        let (words, after) = rest.split_at_mut(self.words_per_row);
+        let after = if has_below { &after[..self.words_per_row] } else { &*before };
+        if !mark_neighbours(before, after, &mut self.both, words) {
+            return;
+        }
+        let y = 2 * cell_y;
+        self.kernel.foreground_among(
+            [view.row(y), view.row(y + 1)],
+            [background.row(y), background.row(y + 1)],
+            background.tables(y),
+            ZONE_PX,
+            words,
+        );
     }
 
     /// Marks what differs in some columns and rows, and nothing else in these rows.

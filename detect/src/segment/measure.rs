@@ -116,6 +116,11 @@ impl Scene<'_> {
             let down = (self.grid.place(cell_y) - rectifier.anchor[1]) as f32;
             for cell_x in (columns.start + 2 * skipped..columns.end).step_by(2 * decimation) {
                 let along = (self.grid.place(cell_x) - rectifier.anchor[0]) as f32;
+                // Its pixels belong together: where its middle is near enough, all four are taken.
+                let (x, y) = (along + 0.5 * step, down + 0.5 * step);
+                if !near(sweep, [cos, sin], reach, a * x + b * y, c * x + d * y) {
+                    continue;
+                }
                 let levels = CELL.map(|(dx, dy)| f32::from(seen[dy][cell_x + dx]));
                 let behind = match self.behind {
                     Behind::Learnt(background) => background.expected_cell(cell_x, cell_y),
@@ -124,9 +129,6 @@ impl Scene<'_> {
                 for (i, (dx, dy)) in CELL.into_iter().enumerate() {
                     let (x, y) = (along + dx as f32 * step, down + dy as f32 * step);
                     let rectified = [a * x + b * y, c * x + d * y];
-                    if !near(sweep, [cos, sin], reach, rectified[0], rectified[1]) {
-                        continue;
-                    }
                     let sample =
                         Sample { rectified, channel: channels[i], seen: levels[i], background: behind[i] };
                     if !patch.push(&sample) {

@@ -14,7 +14,7 @@ use super::{
     background::{Background, PixelBox},
     blobs::{Blob, BlobFinder},
     blur::BlurLimit,
-    candidate::{Start, centre_px, is_of_size, start},
+    candidate::{MOST_CELLS, Start, centre_px, is_of_size, start},
     colour::{ColourModel, MAX_MODELS, SceneLight, cell_colour},
     demosaic::Demosaic,
     describe::describe,
@@ -53,8 +53,11 @@ const LIKELY_BESIDE: f32 = 0.3;
 /// Score from which on a better measurement is worth its time.
 const WORTH_REFINING: f64 = 0.3;
 
-/// Score of a ball that may teach what balls look like here.
+/// Score of what surely is a ball; it may teach what balls look like here.
 const SURE: f64 = 0.6;
+
+/// While a ball flies, what lies or rolls elsewhere is measured in one frame of so many.
+const SLOW_EVERY: u64 = 4;
 
 /// Frames between two looks at the colour of the scene's light.
 const LIGHT_EVERY: u64 = 64;
@@ -88,7 +91,7 @@ struct Found {
 /// Finds the ball in one camera's frames.
 ///
 /// Pure: it reads no clock and does no input or output; the same frames give the same bytes. After the
-/// first frame it allocates nothing.
+/// first frame it allocates nothing, unless each frame stands for itself.
 #[derive(Debug)]
 pub struct Segmenter {
     name: String,
@@ -167,7 +170,7 @@ impl Segmenter {
             colour: ColourModel::new(format, told, marked),
             coloured: vec![0; foreground.words().len()],
             foreground,
-            finder: BlobFinder::new(),
+            finder: BlobFinder::new(MOST_CELLS),
             singles,
             frame_noise: None,
             starts: Vec::with_capacity(super::blobs::MAX_BLOBS),
@@ -261,7 +264,7 @@ impl Segmenter {
         let expected = self.has_ball_in_play();
         self.search_frame(view, expected);
         self.send(header, Scope::Full, emit);
-        self.after(view);
+        self.after(view, window);
     }
 
     /// Measures inside a window: first where the ball should be, then what moves.
@@ -315,7 +318,7 @@ impl Segmenter {
             length: (path[0].hypot(path[1]) as f32).max(MIN_LENGTH_PX),
             angle: path[1].atan2(path[0]) as f32,
         };
-        Some(Start { place, sweep, likeness: 1.0, colour: 1.0 })
+        Some(Start { place, sweep, likeness: 1.0, colour: 1.0, slow: false })
     }
 
     /// What a window says of the ball's size.
@@ -340,9 +343,8 @@ impl Segmenter {
         let known = self.background.is_known();
         self.foreground.mark(view, &self.background);
         self.finder.find(self.foreground.words(), self.foreground.words_per_row(), 0..height / 2);
-        let marked = self.finder.blobs().iter().map(|b| u64::from(b.cells)).sum::<u64>();
         let cells = (view.width() / 2 * (height / 2)) as f64;
-        if known && (self.finder.overflowed() || marked as f64 > OTHER_SCENE * cells) {
+        if known && (self.finder.overflowed() || self.finder.cells() as f64 > OTHER_SCENE * cells) {
             self.background.start_over(view);
             self.light = SceneLight::of(view);
             self.rest.clear();
@@ -359,7 +361,7 @@ impl Segmenter {
         self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         if !known {
             self.search_by_colour(view, None, &Prior::default());
-        } else if self.crowded() {
+        } else if !self.has_ball_in_flight() && self.crowded() {
             self.search_by_colour(view, Some((0..view.width(), 0..height)), &Prior::default());
         }
     }
@@ -405,10 +407,11 @@ impl Segmenter {
 
     /// Whether something large, or something that was no ball, moves.
     fn crowded(&self) -> bool {
-        self.finder.blobs().iter().any(|blob| {
-            blob.cells > CROWD_CELLS
-                && !self.found.iter().any(|f| f.item.score > 0.3 && covers(&f.item, centre_px(blob)))
-        })
+        self.finder.saw_larger()
+            || self.finder.blobs().iter().any(|blob| {
+                blob.cells > CROWD_CELLS
+                    && !self.found.iter().any(|f| f.item.score > 0.3 && covers(&f.item, centre_px(blob)))
+            })
     }
 
     /// Looks for the ball's colours: among the marked cells of some columns and rows, or everywhere where no
@@ -463,7 +466,8 @@ impl Segmenter {
             return None;
         }
         let colour = if self.background.is_known() { self.glimpse(view, &start) } else { 1.0 };
-        Some(Start { colour, ..start })
+        let slow = self.is_slow(&start);
+        Some(Start { colour, slow, ..start })
     }
 
     /// How well a few cells of a start agree with the ball's colour, 0–1.
@@ -496,11 +500,16 @@ impl Segmenter {
         most: usize,
         least_rank: f32,
     ) {
+        let looks_at_slow = self.background.frames().is_multiple_of(SLOW_EVERY);
         let mut fits = 0;
         for i in 0..self.starts.len() {
             let start = self.starts[i];
             if start.rank() < least_rank {
                 break;
+            }
+            if start.slow && !looks_at_slow && self.has_ball_in_flight() {
+                self.rest.see(start.place.rectifier.anchor, 2.0 * f64::from(start.sweep.radius));
+                continue;
             }
             let unlikely = start.rank() <= UNLIKELY;
             if unlikely && self.has_ball_in_play() {
@@ -567,6 +576,18 @@ impl Segmenter {
         self.found.iter().any(|f| self.is_in_play(&f.item))
     }
 
+    /// Whether one of the candidates surely is a ball and has come from elsewhere faster than things roll.
+    fn has_ball_in_flight(&self) -> bool {
+        self.found.iter().any(|f| {
+            f.item.score >= SURE && !self.rest.is_slow([f.item.u_px, f.item.v_px], f.item.diameter_px)
+        })
+    }
+
+    /// Whether something was here in the last frame, or so near that no ball in flight takes so long.
+    fn is_slow(&self, start: &Start) -> bool {
+        self.rest.is_slow(start.place.rectifier.anchor, 2.0 * f64::from(start.sweep.radius))
+    }
+
     /// Whether a candidate is likely the ball, and has not stayed where it is.
     fn is_in_play(&self, item: &Detection) -> bool {
         item.score >= SCORE_THRESHOLD
@@ -603,7 +624,7 @@ impl Segmenter {
     }
 
     /// What the frame teaches for the next one.
-    fn after(&mut self, view: &FrameView<'_>) {
+    fn after(&mut self, view: &FrameView<'_>, window: Option<&SearchWindow>) {
         if self.options.single_frames {
             return;
         }
@@ -624,19 +645,25 @@ impl Segmenter {
                 self.kept.push(area);
             }
         }
-        if let Some(best) = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))
-            && best.item.score > SURE
-            && best.likeness > 0.25
-            && best.measured.verdict.misfit < 0.15
-            && best.measured.verdict.clutter < 0.2
-            && self.background.is_known()
-            && self.rest.frames_at([best.item.u_px, best.item.v_px], best.item.diameter_px) <= 1
-        {
-            self.colour.learn(best.measured.verdict.levels);
+        if let Some(ball) = window.and_then(|window| self.surely_followed(window)) {
+            self.colour.learn(ball.measured.verdict.levels);
             // Lamps hang here and there: a running mean over about ten balls.
-            self.towards_light = (self.towards_light * 0.9 + best.measured.light * 0.1).normalize();
+            self.towards_light = (self.towards_light * 0.9 + ball.measured.light * 0.1).normalize();
         }
         self.background.learn(view, &self.kept);
+    }
+
+    /// The ball whose flight other cameras have seen, too, where it shows by itself what balls look like here. One
+    /// camera alone takes a sleeve for a ball now and then, and would look for sleeves ever after.
+    fn surely_followed(&self, window: &SearchWindow) -> Option<Found> {
+        let best = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))?;
+        let Detection { u_px, v_px, diameter_px, score, .. } = best.item;
+        let off_px = (u_px - window.u_px).hypot(v_px - window.v_px);
+        let verdict = &best.measured.verdict;
+        let expected = off_px < 0.5 * window.diameter_px && diameter_px < 1.5 * window.diameter_px;
+        let clear = score > SURE && best.likeness > 0.25 && verdict.misfit < 0.15 && verdict.clutter < 0.2;
+        let moves = self.rest.frames_at([u_px, v_px], diameter_px) <= 1;
+        (expected && clear && moves).then_some(*best)
     }
 
     fn pixel_box(&self, item: &Detection, view: &FrameView<'_>) -> PixelBox {
