@@ -48,6 +48,8 @@ impl Browser {
             .arg(format!("--window-size={width},{height}"))
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .arg("about:blank")
+            // It is killed in the end, and then leaves what it has in its temporary folder.
+            .env("TMPDIR", profile.path())
             .stdin(Stdio::null());
         let process = Running::start(command);
         let port_file = profile.path().join("DevToolsActivePort");

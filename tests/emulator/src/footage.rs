@@ -124,13 +124,14 @@ mod tests {
 
     #[test]
     fn cameras_show_the_leaders_frame_and_their_own_region_of_it() {
-        let path = std::env::temp_dir().join(format!("netcord-footage-{}", std::process::id()));
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let path = file.path();
         let size = FootageSize { cameras: 2, frames: 3, width: 4, height: 2 };
         let mut bytes = Vec::new();
         begin(&mut bytes, size).expect("memory");
         bytes.extend(0..48_u8);
-        std::fs::write(&path, &bytes).expect("written");
-        let footage = Footage::open(&path).expect("footage");
+        std::fs::write(path, &bytes).expect("written");
+        let footage = Footage::open(path).expect("footage");
         let shot =
             |block, mid_ns, region| Shot { block, mid_ns, exposure_ns: 1, region, pixel_format: 0x0108_0009 };
         let (mut left, mut right) = (footage.images(0), footage.images(1));
@@ -138,8 +139,7 @@ mod tests {
         // The right camera counts otherwise, but exposes with the left one.
         assert_eq!(right.picture(&shot(0, 10_300_000, (2, 1, 2, 1))), [38, 39]);
         assert_eq!(right.picture(&shot(0, 90_000_000, (0, 0, 2, 1))), [24, 25]);
-        std::fs::write(&path, &bytes[..60]).expect("written");
-        assert!(Footage::open(&path).is_err());
-        std::fs::remove_file(&path).expect("removed");
+        std::fs::write(path, &bytes[..60]).expect("written");
+        assert!(Footage::open(path).is_err());
     }
 }
