@@ -42,12 +42,13 @@ if [ ! -e "$cache/complete" ]; then
     done
     [ -n "$compiler" ] || skip "this Debian has no Rust of $needed or later for both amd64 and arm64"
     wanted=("$compiler" "$library" gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user-static)
-    names=$(apt-get "${options[@]}" install -s --reinstall --no-install-recommends "${wanted[@]}" | awk '/^Inst/{print $2}')
+    names=$(apt-get "${options[@]}" install -s --reinstall --no-install-recommends "${wanted[@]}" | awk '/^Inst/{print $2}') ||
+        skip "apt-get cannot say which packages ${wanted[*]} need"
     echo "fetching and unpacking: $compiler $version, its $library of arm64, gcc and QEMU"
     # shellcheck disable=SC2086
     (cd "$cache/debs" && apt-get "${options[@]}" download -qq $names "$library:arm64") ||
         skip "packages cannot be downloaded"
-    for deb in "$cache"/debs/*.deb; do dpkg-deb -x "$deb" "$tree"; done
+    for deb in "$cache"/debs/*.deb; do dpkg-deb -x "$deb" "$tree" || skip "$deb cannot be unpacked"; done
     rm -rf "$cache/debs" "$cache/lists"
     touch "$cache/complete"
 fi
