@@ -1,0 +1,65 @@
+//! What a frame teaches for the next one.
+
+use netcord_common::{
+    FrameView,
+    wire::{Detection, SearchWindow},
+};
+
+use super::{
+    super::{background::PixelBox, score::is_gone},
+    Found, Segmenter,
+};
+
+/// Score of what surely is a ball; it may teach what balls look like here.
+pub(super) const SURE: f64 = 0.6;
+
+impl Segmenter {
+    /// What the frame teaches for the next one.
+    pub(super) fn after(&mut self, view: &FrameView<'_>, window: Option<&SearchWindow>) {
+        if self.options.single_frames {
+            return;
+        }
+        self.kept.clear();
+        for found in &self.found {
+            let item = &found.item;
+            let place = [item.u_px, item.v_px];
+            let frames = self.rest.frames_at(place, item.diameter_px);
+            self.rest.see(place, item.diameter_px);
+            let area = self.pixel_box(item, view);
+            if is_gone(&found.measured) {
+                if frames >= 4 {
+                    self.background.replace(view, &area);
+                }
+                continue;
+            }
+            if self.kept.len() < self.kept.capacity() && item.score > 0.15 {
+                self.kept.push(area);
+            }
+        }
+        if let Some(ball) = window.and_then(|window| self.surely_followed(window)) {
+            self.colour.learn(ball.measured.verdict.levels);
+            // Lamps hang here and there: a running mean over about ten balls.
+            self.towards_light = (self.towards_light * 0.9 + ball.measured.light * 0.1).normalize();
+        }
+        self.background.learn(view, &self.kept);
+    }
+
+    /// The ball whose flight other cameras have seen, too, where it shows by itself what balls look like here. One
+    /// camera alone takes a sleeve for a ball now and then, and would look for sleeves ever after.
+    pub(super) fn surely_followed(&self, window: &SearchWindow) -> Option<Found> {
+        let best = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))?;
+        let Detection { u_px, v_px, diameter_px, score, .. } = best.item;
+        let off_px = (u_px - window.u_px).hypot(v_px - window.v_px);
+        let verdict = &best.measured.verdict;
+        let expected = off_px < 0.5 * window.diameter_px && diameter_px < 1.5 * window.diameter_px;
+        let clear = score > SURE && best.likeness > 0.25 && verdict.misfit < 0.15 && verdict.clutter < 0.2;
+        let moves = self.rest.frames_at([u_px, v_px], diameter_px) <= 1;
+        (expected && clear && moves).then_some(*best)
+    }
+
+    pub(super) fn pixel_box(&self, item: &Detection, view: &FrameView<'_>) -> PixelBox {
+        let x = self.grid.range(item.x0_px - 1.0, item.x1_px + 1.0, view.width());
+        let y = self.grid.range(item.y0_px - 1.0, item.y1_px + 1.0, view.height());
+        PixelBox { x0: x.start, y0: y.start, x1: x.end, y1: y.end }
+    }
+}
