@@ -10,6 +10,7 @@ mod commands;
 mod doctor;
 mod exit;
 mod observer;
+mod output;
 mod plot;
 mod recording;
 mod stage;

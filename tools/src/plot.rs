@@ -12,6 +12,8 @@ use plotters::{
 };
 use thiserror::Error;
 
+use crate::output::{Output, Plan};
+
 /// The font family that all plots use.
 pub const FONT: &str = "sans-serif";
 
@@ -38,15 +40,34 @@ pub fn register_fonts() {
 /// # Errors
 /// [`PlotError`] when the file cannot be written or the plot cannot be drawn.
 pub fn draw<P: Painter>(path: &Path, size: (u32, u32), painter: &P) -> Result<(), PlotError> {
+    let output = Plan::default().begin(path);
+    let output = output.map_err(|e| PlotError { path: path.display().to_string(), cause: e.to_string() })?;
+    draw_into(output, size, painter)
+}
+
+/// As [`draw`], into an output that has begun.
+///
+/// # Errors
+/// As [`draw`].
+pub fn draw_into<P: Painter>(output: Output, size: (u32, u32), painter: &P) -> Result<(), PlotError> {
     register_fonts();
-    let failed = |cause: String| PlotError { path: path.display().to_string(), cause };
-    if path.extension().is_some_and(|e| e == "svg") {
-        let area = SVGBackend::new(path, size).into_drawing_area();
-        painter.paint(&area).and_then(|()| area.present()).map_err(|e| failed(e.to_string()))
+    let path = output.path().display().to_string();
+    let failed = |cause: String| PlotError { path, cause };
+    let bytes = if output.path().extension().is_some_and(|e| e == "svg") {
+        vector(size, painter).map(String::into_bytes)
     } else {
-        let picture = rasterised(size, painter).map_err(failed)?;
-        picture.write_png(path, Effort::Small).map_err(|e| failed(e.to_string()))
+        rasterised(size, painter).and_then(|picture| picture.to_png(Effort::Small).map_err(|e| e.to_string()))
+    };
+    bytes.and_then(|bytes| output.write(bytes).map_err(|e| e.to_string())).map_err(failed)
+}
+
+fn vector(size: (u32, u32), painter: &impl Painter) -> Result<String, String> {
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        painter.paint(&area).and_then(|()| area.present()).map_err(|e| e.to_string())?;
     }
+    Ok(text)
 }
 
 fn rasterised<P: Painter>(size: (u32, u32), painter: &P) -> Result<Picture, String> {

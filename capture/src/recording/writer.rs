@@ -106,11 +106,15 @@ impl<P: AsRef<[u8]>> RecordingWriter<P> {
     /// # Errors
     /// [`RecordingError::File`].
     pub fn create(path: &Path, options: WriterOptions) -> Result<Self, RecordingError> {
-        let file = File::create(path).map_err(|cause| RecordingError::File {
-            doing: "create",
-            path: path.to_owned(),
-            cause,
-        })?;
+        let failed = |cause| RecordingError::File { doing: "create", path: path.to_owned(), cause };
+        Self::onto(File::create(path).map_err(failed)?, path, options)
+    }
+
+    /// Begins in an empty file that is open; `path` names it in messages.
+    ///
+    /// # Errors
+    /// [`RecordingError::File`].
+    pub fn onto(file: File, path: &Path, options: WriterOptions) -> Result<Self, RecordingError> {
         let mut writer = Self {
             path: path.to_owned(),
             file,
@@ -372,7 +376,8 @@ impl<P: AsRef<[u8]>> RecordingWriter<P> {
                 Ok(())
             }
             Err(cause) => {
-                self.cut(self.at)?;
+                // Why nothing could be written says more than why that cannot be undone, on a device say.
+                let _ = self.cut(self.at);
                 Err(RecordingError::File { doing: "write", path: self.path.clone(), cause })
             }
         }

@@ -1,6 +1,6 @@
 //! `netcord bench`: kernels, transport and the whole pipeline, measured beside the machine's floors.
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::ValueEnum;
 use netcord_capture::synthetic::scene::Preset;
@@ -93,8 +93,7 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if let Some(path) = &args.report {
         let text = serde_json::to_string_pretty(&report)?;
-        fs::write(path, text + "\n")
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, text + "\n")?;
     }
     Ok(Outcome::Good)
 }

@@ -241,7 +241,7 @@ fn save(camera: &mut Camera, file: &Path) -> CommandResult {
             }
         }
     }
-    fs::write(file, lines.join("\n") + "\n")?;
+    crate::output::write(file, lines.join("\n") + "\n")?;
     println!("{} features saved to {}", lines.len() - 1, file.display());
     Ok(Outcome::Good)
 }

@@ -1,6 +1,6 @@
 //! `netcord demo`: the whole pipeline on a synthetic rally, checked against the truth.
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use netcord_common::Shutdown;
 
@@ -93,8 +93,7 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if let Some(path) = &args.report {
         let text = serde_json::to_string_pretty(report)?;
-        fs::write(path, text + "\n")
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, text + "\n")?;
         for plot in trial.write_plots(path)? {
             println!("  plot: {}", plot.display());
         }

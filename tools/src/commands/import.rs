@@ -6,13 +6,14 @@ use netcord_capture::recording::{
     RawImage, RecordingWriter, WriterOptions, calibration_message, camera_topic, transform_message,
 };
 use netcord_common::{
-    CameraName, Channel, PixelFormat,
+    CameraName, Channel, PixelFormat, Shutdown,
     picture::{Channels, Picture},
     rig::Rig,
 };
 
 use crate::{
     exit::{CommandResult, Outcome},
+    output::{Output, Plan, refuse_existing},
     recording::{bytes_of, foxglove_schema, world_frame_id},
 };
 
@@ -43,6 +44,10 @@ pub struct Args {
     /// A rig file, whose calibration and poses go into the recording.
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
+
+    /// Replace F.mcap if it is there.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// The first picture's stamp, ns: not zero, which messages keep for "not reached".
@@ -54,11 +59,12 @@ pub fn run(args: &Args) -> CommandResult {
         return Err(format!("--rate is {}; it must be above zero", args.rate).into());
     }
     let cameras = pictures_by_camera(&args.images, &args.camera)?;
+    let pictures = cameras.iter().flat_map(|(_, pictures)| pictures);
+    let output = Plan::of(pictures.chain(&args.rig)).begin(&args.out)?;
+    refuse_existing(&args.out, args.overwrite)?;
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
-    write(args, rig.as_ref(), &cameras).inspect_err(|_| {
-        // What there is of it is no recording of these pictures. Where it cannot be removed, the error says enough.
-        let _ = std::fs::remove_file(&args.out);
-    })?;
+    write(args, rig.as_ref(), &cameras, &output)?;
+    output.complete()?;
     let total = cameras.iter().map(|(_, pictures)| pictures.len()).sum::<usize>();
     println!("{}: {total} pictures of {} cameras", args.out.display(), cameras.len());
     Ok(Outcome::Good)
@@ -68,8 +74,11 @@ fn write(
     args: &Args,
     rig: Option<&Rig>,
     cameras: &[(CameraName, Vec<PathBuf>)],
+    output: &Output,
 ) -> Result<(), Box<dyn std::error::Error>> {
-    let mut writer = RecordingWriter::<Vec<u8>>::create(&args.out, WriterOptions::default())?;
+    let stop = Shutdown::on_signals()?;
+    let mut writer =
+        RecordingWriter::<Vec<u8>>::onto(output.file()?, output.path(), WriterOptions::default())?;
     if let Some(rig) = rig {
         stand(&mut writer, rig, cameras)?;
     }
@@ -79,6 +88,9 @@ fn write(
     let mut sizes = vec![None; cameras.len()];
     let longest = cameras.iter().map(|(_, pictures)| pictures.len()).max().unwrap_or(0);
     for n in 0..longest {
+        if stop.is_requested() {
+            return Err("stopped before the end; nothing was written".into());
+        }
         let stamp_ns = FIRST_NS + (n as f64 * 1e9 / args.rate).round() as u64;
         for (((name, pictures), channel), size) in cameras.iter().zip(&channels).zip(&mut sizes) {
             let Some(path) = pictures.get(n) else { continue };

@@ -1,7 +1,6 @@
 //! `netcord latency`: attaches to a running rig and shows latencies, rates and losses.
 
 use std::{
-    fs,
     path::PathBuf,
     thread,
     time::{Duration, Instant},
@@ -69,8 +68,7 @@ pub fn run(args: &Args) -> CommandResult {
             "latency_ms": tally.latencies(),
             "frames": tally.frames(),
         });
-        fs::write(path, format!("{report:#}\n"))
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, format!("{report:#}\n"))?;
     }
     Ok(if tally.rate_hz().is_some() { Outcome::Good } else { Outcome::Missed })
 }

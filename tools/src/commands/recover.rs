@@ -9,7 +9,10 @@ use netcord_capture::recording::{
     Ending, Item, MessageStamps, RecordingFile, RecordingWriter, Schema, WriterOptions,
 };
 
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output::{Plan, refuse_existing},
+};
 
 /// Saves all whole messages and metadata of a recording into a new file with an index, such as one whose
 /// recorder was killed. Works on any MCAP file; attachments are left out. Exit code 1 when nothing could be saved.
@@ -20,16 +23,19 @@ pub struct Args {
 
     /// The repaired one; default: INPUT with `.recovered.mcap` at its end.
     output: Option<PathBuf>,
+
+    /// Replace OUTPUT if it is there.
+    #[arg(long)]
+    overwrite: bool,
 }
 
 /// Runs `netcord recover`.
 pub fn run(args: &Args) -> CommandResult {
     let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("recovered.mcap"));
-    if output.exists() {
-        return Err(format!("{} is there already; give another name for the output", output.display()).into());
-    }
+    refuse_existing(&output, args.overwrite)?;
+    let saved = Plan::of([&args.input]).begin(&output)?;
     let file = RecordingFile::open(&args.input)?;
-    let mut writer = RecordingWriter::<Vec<u8>>::create(&output, WriterOptions::default())?;
+    let mut writer = RecordingWriter::<Vec<u8>>::onto(saved.file()?, saved.path(), WriterOptions::default())?;
     let mut channels = HashMap::new();
     let mut messages = 0_u64;
     let mut metadata: Vec<(String, BTreeMap<String, String>)> = Vec::new();
@@ -61,6 +67,7 @@ pub fn run(args: &Args) -> CommandResult {
         writer.metadata(name, entries)?;
     }
     writer.finish()?;
+    saved.complete()?;
     match ending {
         Ending::Whole => println!("{} was whole", args.input.display()),
         Ending::CutOff { at, why } => println!("{} is cut off at byte {at}: {why}", args.input.display()),

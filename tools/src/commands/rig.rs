@@ -17,7 +17,10 @@ use netcord_common::{
     },
 };
 
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output::Plan,
+};
 
 /// Arguments of `netcord rig`.
 #[derive(Debug, clap::Args)]
@@ -200,7 +203,7 @@ fn export(args: &ExportArgs) -> Result<(), Box<dyn Error>> {
     let rig = Rig::load(&args.rig)?;
     let text = exchange::write(&rig, args.format, args.camera.as_ref())?;
     match &args.out {
-        Some(path) => fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?,
+        Some(path) => Plan::of([&args.rig]).begin(path)?.write(text)?,
         None => print!("{text}"),
     }
     Ok(())

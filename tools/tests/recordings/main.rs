@@ -145,8 +145,11 @@ fn pictures_become_a_recording_that_another_reader_can_read() {
         write(&format!("left/{n}.png"), (16, 8), n);
         write(&format!("right/{n}.png"), (8, 8), n);
     }
-    let import = || netcord(folder.path(), &["import", "pictures", "--out", "p.mcap", "--rate", "50"]);
-    let out = import();
+    let import = |more: &[&str]| {
+        let always = ["import", "pictures", "--out", "p.mcap", "--rate", "50"];
+        netcord(folder.path(), &[&always, more].concat())
+    };
+    let out = import(&[]);
     assert!(out.status.success(), "{}", text(&out.stderr));
     assert_eq!(text(&out.stdout).trim(), "p.mcap: 6 pictures of 2 cameras");
     let file = std::fs::read(folder.path().join("p.mcap")).expect("written");
@@ -165,16 +168,46 @@ fn pictures_become_a_recording_that_another_reader_can_read() {
     let at = |x: usize, y: usize| image.data[y * 16 + x];
     assert_eq!([at(4, 2), at(5, 2), at(4, 3), at(5, 3)], [4, 2, 3, 2]);
 
-    // A camera has one size of picture, and what is no picture is named; nothing half-written stays.
+    // A camera has one size of picture, and what is no picture is named; the recording that is there stays.
     write("left/3.png", (16, 10), 3);
-    let out = import();
+    let out = import(&[]);
+    assert_eq!(out.status.code(), Some(2));
+    assert!(text(&out.stderr).contains("p.mcap is there already"), "{}", text(&out.stderr));
+    let out = import(&["--overwrite"]);
     assert_eq!(out.status.code(), Some(2));
     assert!(text(&out.stderr).contains("left/3.png has 16 × 10 px"), "{}", text(&out.stderr));
-    assert!(!folder.path().join("p.mcap").exists());
+    assert!(std::fs::read(folder.path().join("p.mcap")).is_ok_and(|now| now == file));
     std::fs::write(folder.path().join("pictures/left/3.png"), b"hello").expect("written");
-    let out = import();
+    let out = import(&["--overwrite"]);
     assert_eq!(out.status.code(), Some(2));
     assert!(text(&out.stderr).contains("left/3.png"), "{}", text(&out.stderr));
+    // A picture is not made a recording.
+    let picture = std::fs::read(folder.path().join("pictures/left/0.png")).expect("there");
+    let onto = ["import", "pictures", "--out", "pictures/left/0.png", "--overwrite"];
+    let out = netcord(folder.path(), &onto);
+    assert!(text(&out.stderr).contains("is read by this command"), "{}", text(&out.stderr));
+    assert!(std::fs::read(folder.path().join("pictures/left/0.png")).is_ok_and(|now| now == picture));
+}
+
+#[test]
+fn no_output_destroys_an_input_or_another_output() {
+    let folder = tempfile::tempdir().expect("a folder");
+    Film::new(5).write(&folder.path().join("in.mcap"), &Shot::default());
+    let before = std::fs::read(folder.path().join("in.mcap")).expect("there");
+    for (arguments, said) in [
+        (vec!["process", "in.mcap", "--positions", "in.mcap"], "is read by this command"),
+        (vec!["process", "in.mcap", "--positions", "a.csv", "--detections", "./a.csv"], "two outputs"),
+        (vec!["plot", "in.mcap", "--out", "in.mcap"], "is read by this command"),
+        (vec!["plot", "in.mcap", "--out", "b.png", "--report", "b.png"], "two outputs"),
+        (vec!["recover", "in.mcap", "in.mcap", "--overwrite"], "is read by this command"),
+        (vec!["process", "in.mcap", "--positions", "no/folder.csv"], "there is no folder"),
+    ] {
+        let out = netcord(folder.path(), &arguments);
+        assert_eq!(out.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&out.stderr).contains(said), "{arguments:?}: {}", text(&out.stderr));
+    }
+    assert!(std::fs::read(folder.path().join("in.mcap")).is_ok_and(|now| now == before));
+    assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing was begun");
 }
 
 #[test]

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> CommandResult {
                 "png" => to_png(&sheets[0], args.dpi)?,
                 _ => return Err(format!("{} must end in .svg, .pdf or .png", file.display()).into()),
             };
-            fs::write(&file, bytes).map_err(|e| format!("cannot write {}: {e}", file.display()))?;
+            crate::output::write(&file, bytes)?;
             let (sheet, pages) = (&sheets[0], if sheets.len() > 1 { ", front and back" } else { "" });
             println!(
                 "{}: {} on {:.0} × {:.0} mm{pages}",

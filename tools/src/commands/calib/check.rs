@@ -1,6 +1,6 @@
 //! `netcord calib check`.
 
-use std::{error::Error, fs, path::PathBuf};
+use std::{error::Error, path::PathBuf};
 
 use nalgebra::Vector2;
 use netcord_calib::{
@@ -188,8 +188,7 @@ fn write(
     corners: &[CheckedCorner],
     views: &[CameraViews],
 ) -> Result<(), Box<dyn Error>> {
-    fs::write(path, serde_json::to_string_pretty(check)?)
-        .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+    crate::output::write(path, serde_json::to_string_pretty(check)?)?;
     let mut written = Vec::new();
     if !corners.is_empty() {
         let cameras: Vec<plots::CameraPlot> = views

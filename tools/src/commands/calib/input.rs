@@ -85,8 +85,7 @@ impl InputArgs {
         pictures::offer(&mut session, shots)?;
         let cameras = session.views();
         if let Some(path) = &self.save_corners {
-            fs::write(path, write_corners(&cameras))
-                .map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+            crate::output::write(path, write_corners(&cameras))?;
         }
         let outcome = process(&mut session)?;
         Ok(Solved { outcome, cameras, board: spec.to_owned() })

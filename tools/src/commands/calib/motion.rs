@@ -1,6 +1,6 @@
 //! `netcord calib motion`: poses of cameras from points in motion.
 
-use std::{collections::BTreeMap, error::Error, fs, path::PathBuf};
+use std::{collections::BTreeMap, error::Error, path::PathBuf};
 
 use nalgebra::{Vector2, Vector3};
 use netcord_calib::{
@@ -274,8 +274,7 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if let Some(path) = &args.report {
         let report = report(scale, scale_sigma, &found, &joined, !args.refine.is_empty());
-        fs::write(path, serde_json::to_string_pretty(&report)?)
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, serde_json::to_string_pretty(&report)?)?;
     }
     if !args.dry_run && scale != "none" {
         write(&mut edit, args, scale, &joined, &found)?;

@@ -1,6 +1,6 @@
 //! `netcord calib mono|stereo|rig`.
 
-use std::{error::Error, fs, path::PathBuf};
+use std::{error::Error, path::PathBuf};
 
 use clap::ValueEnum;
 use nalgebra::Vector2;
@@ -220,7 +220,7 @@ fn write(
 ) -> Result<(), Box<dyn Error>> {
     if let Some(path) = &solver.report {
         let text = serde_json::to_string_pretty(report)?;
-        fs::write(path, text).map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, text)?;
         for file in plots::write(path, &plots.collect::<Vec<_>>())? {
             println!("{}", file.display());
         }

@@ -1,6 +1,6 @@
 //! `netcord calib table`.
 
-use std::{error::Error, fs, path::PathBuf, str::FromStr, sync::Arc};
+use std::{error::Error, path::PathBuf, str::FromStr, sync::Arc};
 
 use nalgebra::Vector3;
 use netcord_calib::{
@@ -190,8 +190,7 @@ pub fn run(args: &Args) -> CommandResult {
     let report = report(&rig, found);
     print(&report, &found.table);
     if let Some(path) = &args.report {
-        fs::write(path, serde_json::to_string_pretty(&report)?)
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+        crate::output::write(path, serde_json::to_string_pretty(&report)?)?;
     }
     let measured = &found.table.residuals;
     if !args.dry_run {

@@ -4,10 +4,7 @@ mod input;
 mod plots;
 mod points;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use netcord_common::{rig::Rig, wire::WorldFrame};
 use netcord_detect::triangulate::comparison::{self, Accuracy, PLACES, Setting};
@@ -160,7 +157,7 @@ pub fn run(args: &Args) -> CommandResult {
 fn write_report(path: Option<&Path>, report: &impl Serialize) -> CommandResult {
     if let Some(path) = path {
         let text = serde_json::to_string_pretty(report)?;
-        fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+        crate::output::write(path, text)?;
         println!("report: {}", path.display());
     }
     Ok(Outcome::Good)

@@ -9,6 +9,8 @@ use netcord_detect::triangulate::{
 };
 use serde::Deserialize;
 
+use crate::output::Plan;
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
@@ -36,6 +38,7 @@ pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> Result<(), Bo
     let cameras = posed_cameras(rig);
     let groups = read(rig, &cameras, points)?;
     fs::create_dir_all(out).map_err(|e| format!("cannot make the folder {}: {e}", out.display()))?;
+    let mut plan = Plan::of([points]);
     let robust = Robust::with_slack_px(SLACK_PX);
     for method in all_methods() {
         let method: &dyn Method = if method.code() == robust.code() { &robust } else { method };
@@ -58,7 +61,7 @@ pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> Result<(), Bo
                 Err(reason) => *absent.entry(reason.name()).or_insert(0) += 1,
             }
         }
-        fs::write(&path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+        plan.begin(&path)?.write(text)?;
         let mut absent: Vec<_> = absent.into_iter().map(|(why, n)| format!("{n} {why}")).collect();
         absent.sort();
         let why = if absent.is_empty() { String::new() } else { format!(" ({})", absent.join(", ")) };

@@ -3,7 +3,7 @@
 mod content;
 mod drawing;
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use netcord_common::wire::BallTrajectory;
 use serde_json::{Map, json};
@@ -11,6 +11,7 @@ use serde_json::{Map, json};
 use self::{content::Content, drawing::Drawing};
 use crate::{
     exit::{CommandResult, Outcome},
+    output::Plan,
     plot,
 };
 
@@ -38,6 +39,9 @@ pub struct Args {
 /// Runs `netcord plot`.
 pub fn run(args: &Args) -> CommandResult {
     let out = args.out.clone().unwrap_or_else(|| args.input.with_extension("png"));
+    let mut plan = Plan::of([&args.input]);
+    let picture = plan.begin(&out)?;
+    let report = args.report.as_deref().map(|path| plan.begin(path)).transpose()?;
     let content = Content::read(&args.input)?;
     if content.positions.is_empty() && content.truth.is_empty() {
         return Err(format!(
@@ -49,8 +53,8 @@ pub fn run(args: &Args) -> CommandResult {
     }
     let predictions = content.predictions_at(&args.at);
     let size = if content.truth.is_empty() { (1400, 1000) } else { (1400, 1300) };
-    plot::draw(&out, size, &Drawing { content: &content, predictions: &predictions })?;
-    if let Some(path) = &args.report {
+    plot::draw_into(picture, size, &Drawing { content: &content, predictions: &predictions })?;
+    if let Some(output) = report {
         let of = |prediction: &&BallTrajectory| {
             let off = content.prediction_errors(prediction);
             let off = off.into_iter().map(|(ms, mm)| (ms.to_string(), json!(mm))).collect::<Map<_, _>>();
@@ -63,8 +67,7 @@ pub fn run(args: &Args) -> CommandResult {
             })),
             "predictions": predictions.iter().map(of).collect::<Vec<_>>(),
         });
-        fs::write(path, format!("{report:#}\n"))
-            .map_err(|cause| format!("cannot write {}: {cause}", path.display()))?;
+        output.write(format!("{report:#}\n"))?;
     }
     println!("{}: {} positions", out.display(), content.positions.len());
     Ok(Outcome::Good)

@@ -10,7 +10,7 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use netcord_capture::recording::{Ending, Footage};
-use netcord_common::rig::Rig;
+use netcord_common::{Shutdown, rig::Rig};
 
 use self::{
     input::Input,
@@ -19,7 +19,10 @@ use self::{
     stages::Stages,
 };
 use super::segment::OptionArgs;
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output::{Output, Plan},
+};
 
 /// Arguments of `netcord process`.
 #[derive(Debug, clap::Args)]
@@ -78,7 +81,8 @@ pub fn run(args: &Args) -> CommandResult {
     if let Some(threads) = args.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
     }
-    let paths = args.paths()?;
+    let stop = Shutdown::on_signals()?;
+    let (paths, report_output) = args.outputs()?;
     let footage = Arc::new(Footage::open(&args.recording)?);
     let rig = args.rig(&footage)?;
     let input = Input::new(&footage, &rig);
@@ -86,17 +90,23 @@ pub fn run(args: &Args) -> CommandResult {
     if args.warm_up > 0 {
         let progress = bar(args.warm_up.min(input.triggers()), "warming up");
         for exposure in input.exposures(args.warm_up) {
+            if stop.is_requested() {
+                return Err("stopped before the end; nothing was written".into());
+            }
             stages.warm_up(&exposure?)?;
             progress.inc(1);
         }
         progress.finish_and_clear();
     }
     let about = metadata(&rig, &footage.metadata, "netcord process");
-    let mut outputs = Outputs::create(&paths, &rig, &about, footage.truth.clone())?;
+    let mut outputs = Outputs::create(paths, &rig, &about, footage.truth.clone())?;
     let mut tally = Tally::new(&rig, &footage, input.interval_ns());
     let progress = bar(input.triggers(), "processing");
     let began = Instant::now();
     for exposure in input.exposures(usize::MAX) {
+        if stop.is_requested() {
+            return Err("stopped before the end; nothing was written".into());
+        }
         let exposure = exposure?;
         let results = stages.step(&exposure)?;
         tally.see(&exposure, &results);
@@ -107,10 +117,8 @@ pub fn run(args: &Args) -> CommandResult {
     progress.finish_and_clear();
     let seconds = began.elapsed().as_secs_f64();
     let report = tally.report();
-    if let Some(path) = &args.report {
-        let json = serde_json::to_string_pretty(&report)?;
-        std::fs::write(path, json + "\n")
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()))?;
+    if let Some(output) = report_output {
+        output.write(serde_json::to_string_pretty(&report)? + "\n")?;
     }
     report.print();
     println!("{:.1} s, {:.0} triggers a second", seconds, input.triggers() as f64 / seconds);
@@ -139,7 +147,8 @@ fn warn_of_what_is_missing(path: &std::path::Path, footage: &Footage) -> Outcome
 }
 
 impl Args {
-    fn paths(&self) -> Result<Paths, String> {
+    /// All outputs, begun: where nothing can be written, nothing is to be computed. The last one is the report's.
+    fn outputs(&self) -> Result<(Paths, Option<Output>), Box<dyn std::error::Error>> {
         let files = [&self.out, &self.positions, &self.detections, &self.predictions, &self.report];
         if files.iter().all(|f| f.is_none()) {
             return Err(
@@ -148,20 +157,16 @@ impl Args {
                     .into(),
             );
         }
-        // The input is mapped while results are written: truncating it would end this process.
-        if let (Ok(input), Some(Ok(out))) =
-            (self.recording.canonicalize(), self.out.as_ref().map(|out| out.canonicalize()))
-            && input == out
-        {
-            return Err(format!("--out is the recording {} itself; give another file", input.display()));
-        }
-        Ok(Paths {
-            recording: self.out.clone(),
-            positions: self.positions.clone(),
-            detections: self.detections.clone(),
-            predictions: self.predictions.clone(),
+        let mut plan = Plan::of(std::iter::once(&self.recording).chain(&self.rig));
+        let mut begin = |path: &Option<PathBuf>| path.as_deref().map(|path| plan.begin(path)).transpose();
+        let paths = Paths {
+            recording: begin(&self.out)?,
+            positions: begin(&self.positions)?,
+            detections: begin(&self.detections)?,
+            predictions: begin(&self.predictions)?,
             images: !self.no_images,
-        })
+        };
+        Ok((paths, begin(&self.report)?))
     }
 
     /// The rig file's rig or the recording's own, with what the command line replaces.

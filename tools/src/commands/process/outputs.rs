@@ -1,6 +1,5 @@
 use std::{
     collections::BTreeMap,
-    path::PathBuf,
     sync::mpsc::{Receiver, SyncSender, sync_channel},
     thread::JoinHandle,
 };
@@ -19,15 +18,18 @@ use super::{
     stages::{Exposure, Results},
     tables::{Table, TableError},
 };
-use crate::recording::{RigTopics, Wanted};
+use crate::{
+    output::{self, Output},
+    recording::{RigTopics, Wanted},
+};
 
 /// Where results go.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 pub(super) struct Paths {
-    pub(super) recording: Option<PathBuf>,
-    pub(super) positions: Option<PathBuf>,
-    pub(super) detections: Option<PathBuf>,
-    pub(super) predictions: Option<PathBuf>,
+    pub(super) recording: Option<Output>,
+    pub(super) positions: Option<Output>,
+    pub(super) detections: Option<Output>,
+    pub(super) predictions: Option<Output>,
     /// Whether the recording gets the images too.
     pub(super) images: bool,
 }
@@ -39,6 +41,8 @@ pub(super) enum OutputError {
     Recording(#[from] RecordingError),
     #[error(transparent)]
     Table(#[from] TableError),
+    #[error(transparent)]
+    Output(#[from] output::OutputError),
     #[error("the thread that writes results has ended before its time")]
     Gone,
 }
@@ -46,16 +50,17 @@ pub(super) enum OutputError {
 /// Triggers whose results may wait for the disk; more make the stages wait, and memory stay bounded.
 const WAITING: usize = 16;
 
-/// Writes results on a thread of its own, in the order in which they come.
+/// Writes results on a thread of its own, in the order in which they come. Dropped before [`Self::finish`], no file
+/// is left of them.
 pub(super) struct Outputs {
     queue: Option<SyncSender<(Exposure, Results)>>,
-    thread: Option<JoinHandle<Result<(), OutputError>>>,
+    thread: Option<JoinHandle<Result<Files, OutputError>>>,
 }
 
 impl Outputs {
     /// Begins all files. `truth` goes into the recording, beside the results of its time.
     pub(super) fn create(
-        paths: &Paths,
+        paths: Paths,
         rig: &Rig,
         metadata: &BTreeMap<String, String>,
         truth: Vec<RecordedTruth>,
@@ -64,7 +69,7 @@ impl Outputs {
         let (queue, results) = sync_channel(WAITING);
         let thread = std::thread::Builder::new()
             .name("results".into())
-            .spawn(move || files.write_all(&results).and_then(|()| files.finish()))
+            .spawn(move || files.write_all(&results).map(|()| files))
             .map_err(|_| OutputError::Gone)?;
         Ok(Self { queue: Some(queue), thread: Some(thread) })
     }
@@ -78,14 +83,29 @@ impl Outputs {
 
     /// Writes what waits, and ends all files.
     pub(super) fn finish(&mut self) -> Result<(), OutputError> {
+        match self.end() {
+            Some(files) => files?.finish(),
+            None => Ok(()),
+        }
+    }
+
+    /// Has what waits written, and takes the files back.
+    fn end(&mut self) -> Option<Result<Files, OutputError>> {
         drop(self.queue.take());
-        self.thread.take().map_or(Ok(()), |thread| thread.join().map_err(|_| OutputError::Gone)?)
+        self.thread.take().map(|thread| thread.join().unwrap_or(Err(OutputError::Gone)))
+    }
+}
+
+impl Drop for Outputs {
+    /// The thread must not outlive this: files that are not finished are removed where it ends.
+    fn drop(&mut self) {
+        drop(self.end());
     }
 }
 
 struct Files {
     rig: Rig,
-    recording: Option<(RecordingWriter<FramePixels>, RigTopics)>,
+    recording: Option<(RecordingWriter<FramePixels>, RigTopics, Output)>,
     truth: std::iter::Peekable<std::vec::IntoIter<RecordedTruth>>,
     positions: Option<Table>,
     detections: Option<Table>,
@@ -94,21 +114,21 @@ struct Files {
 
 impl Files {
     fn create(
-        paths: &Paths,
+        paths: Paths,
         rig: &Rig,
         metadata: &BTreeMap<String, String>,
         truth: Vec<RecordedTruth>,
     ) -> Result<Self, OutputError> {
-        let table = |path: &Option<PathBuf>, columns| {
-            path.as_ref().map(|path| Table::create(path, columns)).transpose()
-        };
-        let recording = match &paths.recording {
-            Some(path) => {
-                let mut writer = RecordingWriter::create(path, WriterOptions::default())?;
+        let table =
+            |output: Option<Output>, columns| output.map(|output| Table::begin(output, columns)).transpose();
+        let recording = match paths.recording {
+            Some(output) => {
+                let mut writer =
+                    RecordingWriter::onto(output.file()?, output.path(), WriterOptions::default())?;
                 writer.metadata("netcord", metadata)?;
                 let wanted = Wanted { images: paths.images, truth: !truth.is_empty() };
                 let topics = RigTopics::new(&mut writer, rig, wanted);
-                Some((writer, topics))
+                Some((writer, topics, output))
             }
             None => None,
         };
@@ -116,9 +136,9 @@ impl Files {
             rig: rig.clone(),
             recording,
             truth: truth.into_iter().peekable(),
-            positions: table(&paths.positions, Table::POSITIONS)?,
-            detections: table(&paths.detections, Table::DETECTIONS)?,
-            predictions: table(&paths.predictions, Table::PREDICTIONS)?,
+            positions: table(paths.positions, Table::POSITIONS)?,
+            detections: table(paths.detections, Table::DETECTIONS)?,
+            predictions: table(paths.predictions, Table::PREDICTIONS)?,
         })
     }
 
@@ -146,7 +166,7 @@ impl Files {
     }
 
     fn record(&mut self, exposure: Exposure, results: &Results) -> Result<(), RecordingError> {
-        let Some((writer, topics)) = &mut self.recording else { return Ok(()) };
+        let Some((writer, topics, _)) = &mut self.recording else { return Ok(()) };
         let stamps = exposure.frames.iter().flatten().map(|f| f.header.stamps.mid_exposure_ns);
         let Some(t_ns) = stamps.min() else { return Ok(()) };
         topics.stand(writer, t_ns)?;
@@ -174,8 +194,9 @@ impl Files {
     }
 
     fn finish(self) -> Result<(), OutputError> {
-        if let Some((writer, _)) = self.recording {
+        if let Some((writer, _, output)) = self.recording {
             writer.finish()?;
+            output.complete()?;
         }
         for table in [self.positions, self.detections, self.predictions].into_iter().flatten() {
             table.finish()?;

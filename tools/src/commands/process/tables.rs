@@ -1,7 +1,7 @@
 use std::{
     fs::File,
     io::{BufWriter, Write as _},
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 use netcord_common::{
@@ -10,19 +10,22 @@ use netcord_common::{
 };
 use thiserror::Error;
 
+use crate::output::{Output, OutputError};
+
 /// A table of results that cannot be written.
 #[derive(Debug, Error)]
-#[error("cannot write the table {}: {cause}", path.display())]
-pub(super) struct TableError {
-    path: PathBuf,
-    cause: std::io::Error,
+pub(super) enum TableError {
+    #[error("cannot write the table {path}: {cause}")]
+    Row { path: PathBuf, cause: std::io::Error },
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
 /// One CSV file of results. Numbers are written with as many digits as they have, so that reading them
 /// gives them back exactly.
 #[derive(Debug)]
 pub(super) struct Table {
-    path: PathBuf,
+    output: Output,
     out: BufWriter<File>,
 }
 
@@ -34,12 +37,11 @@ impl Table {
     pub(super) const DETECTIONS: &'static str = "t_ns,camera,u,v,x0,y0,x1,y1,score";
     pub(super) const PREDICTIONS: &'static str = "t_ns_made,t_ns_for,x,y,z";
 
-    /// Begins the table at `path` with its header line.
-    pub(super) fn create(path: &Path, columns: &str) -> Result<Self, TableError> {
-        let failed = |cause| TableError { path: path.to_owned(), cause };
-        let mut out = BufWriter::new(File::create(path).map_err(failed)?);
-        writeln!(out, "{columns}").map_err(failed)?;
-        Ok(Self { path: path.to_owned(), out })
+    /// Begins the table with its header line.
+    pub(super) fn begin(output: Output, columns: &str) -> Result<Self, TableError> {
+        let mut table = Self { out: BufWriter::new(output.file()?), output };
+        table.row(format_args!("{columns}"))?;
+        Ok(table)
     }
 
     /// A row, if there is a position.
@@ -91,10 +93,13 @@ impl Table {
 
     /// Writes what waits.
     pub(super) fn finish(mut self) -> Result<(), TableError> {
-        self.out.flush().map_err(|cause| TableError { path: self.path, cause })
+        let path = self.output.path().to_owned();
+        self.out.flush().map_err(|cause| TableError::Row { path, cause })?;
+        Ok(self.output.complete()?)
     }
 
     fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<(), TableError> {
-        writeln!(self.out, "{row}").map_err(|cause| TableError { path: self.path.clone(), cause })
+        let path = || self.output.path().to_owned();
+        writeln!(self.out, "{row}").map_err(|cause| TableError::Row { path: path(), cause })
     }
 }

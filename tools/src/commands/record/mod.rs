@@ -16,6 +16,7 @@ use self::{gather::Gather, store::Store};
 use super::RigArgs;
 use crate::{
     exit::{CommandResult, Outcome},
+    output::refuse_existing,
     stage,
 };
 
@@ -50,10 +51,7 @@ pub struct Args {
 
 /// Runs `netcord record`.
 pub fn run(args: &Args) -> CommandResult {
-    if !args.overwrite && fs::metadata(&args.out).is_ok_and(|m| m.len() > 0) {
-        let out = args.out.display();
-        return Err(format!("{out} is there already; give another name, or --overwrite").into());
-    }
+    refuse_existing(&args.out, args.overwrite)?;
     // At a file size limit the system would end this process; ignored, the write fails like any other.
     // SAFETY: ignoring a signal installs no handler that could run code.
     unsafe { signal(Signal::SIGXFSZ, SigHandler::SigIgn) }?;
