@@ -187,6 +187,17 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), OutputError> {
     Plan::default().begin(path)?.write(bytes)
 }
 
+/// Refuses what cannot be written, or goes to one place, where outputs are begun only after long work.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn check<'a>(paths: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
+    let mut plan = Plan::default();
+    // A pipe's reader would take the closing for the end.
+    let mut files = paths.into_iter().filter(|path| !is_stream(path));
+    files.try_for_each(|path| plan.begin(path).map(drop))
+}
+
 /// Refuses an output that would replace a file with content. Recordings cannot be made again.
 ///
 /// # Errors

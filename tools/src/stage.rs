@@ -9,7 +9,12 @@ use std::{
     sync::Arc,
 };
 
-use netcord_common::{Counters, DomainName, Shutdown, bus::Bus, rig::Rig};
+use netcord_capture::synthetic::truth_domain;
+use netcord_common::{
+    Counters, DomainName, Shutdown,
+    bus::{Bus, DomainRemains},
+    rig::Rig,
+};
 
 use crate::{
     commands::RigArgs,
@@ -53,11 +58,21 @@ pub fn run_with<E: Into<Box<dyn Error>>>(
     body: impl FnOnce(&Stage) -> Result<(), E>,
 ) -> CommandResult {
     let stop = Shutdown::on_signals()?;
+    // The rig's own processes may come and go: `up`, or whoever was there first, removes what is left.
+    let was_first = DomainRemains::of(&domain).inhabitants()?.is_empty();
     let bus = Bus::join(&domain, process)?;
     let counters = Counters::new();
     counters.when_running(notify_ready);
-    body(&Stage { rig, bus, stop, counters }).map_err(Into::into)?;
-    Ok(Outcome::Good)
+    let ended = body(&Stage { rig, bus, stop, counters }).map_err(Into::into);
+    if was_first {
+        for domain in [domain.clone(), truth_domain(&domain)?] {
+            let remains = DomainRemains::of(&domain);
+            if remains.inhabitants()?.is_empty() {
+                remains.remove()?;
+            }
+        }
+    }
+    ended.map(|()| Outcome::Good)
 }
 
 /// Tells the process's supervisor, if it has one that listens, that it is at work.

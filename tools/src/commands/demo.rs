@@ -6,6 +6,7 @@ use netcord_common::Shutdown;
 
 use crate::{
     exit::{CommandResult, Outcome},
+    output::{self, refuse_existing},
     terminal::LiveLines,
     trial::{self, Scene, Setup},
 };
@@ -18,11 +19,13 @@ use crate::{
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Seconds that are judged, after the warm-up.
-    #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true, default_value_t = 20.0)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 20.0,
+          value_parser = super::between(0.1, super::LONGEST_S, "seconds"))]
     seconds: f64,
 
     /// Exposures a second.
-    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, allow_negative_numbers = true,
+          value_parser = super::between(1.0, 10_000.0, "Hz"))]
     rate: f64,
 
     /// Cameras, 2 to 8.
@@ -65,6 +68,10 @@ pub struct Args {
 
 /// Runs `netcord demo`.
 pub fn run(args: &Args) -> CommandResult {
+    if let Some(path) = &args.record {
+        refuse_existing(path, false)?;
+    }
+    output::check([&args.record, &args.report].into_iter().flatten().map(PathBuf::as_path))?;
     let setup = Setup {
         cameras: args.cameras,
         rate_hz: args.rate,

@@ -25,7 +25,7 @@ use crate::{
 /// Arguments of `netcord up`.
 ///
 /// Exit codes: 0 all processes ran until they were stopped; 1 one of them died on the way and was
-/// restarted; 2 an error, or a process that does not start however often it is tried.
+/// restarted, had to be killed at the end, or ended with an exit code of its own; 2 an error, or a process that does not start however often it is tried.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The rig file, which names the processes under [[process]]; without any, the four stages run.
@@ -55,6 +55,10 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(200);
 /// How long a stage gets to end in order before it is killed; it looks at its flag ten times a second.
 const STOP_PATIENCE: Duration = Duration::from_secs(3);
 
+/// How long a recorder, which has a queue to write, may write nothing before it is killed: a disk that is busy pauses
+/// for seconds.
+const WRITER_PATIENCE: Duration = Duration::from_secs(15);
+
 /// Runs `netcord up`.
 pub fn run(args: &Args) -> CommandResult {
     let rig = Rig::load(&args.rig)?;
@@ -65,7 +69,7 @@ pub fn run(args: &Args) -> CommandResult {
     let bus = Bus::join(&domain, "up")?;
     bus.clean_up_dead();
     let mut narrator =
-        Narrator { events: args.events, live: LiveLines::new(args.quiet), died: 0, given_up: None };
+        Narrator { events: args.events, live: LiveLines::new(args.quiet), ended_badly: 0, given_up: None };
     let result = watch(args, &rig, &bus, &stop, &mut supervisor, &mut narrator);
     stage::notify_stopping();
     supervisor.stop(&mut |happening| narrator.tell(&happening));
@@ -80,7 +84,7 @@ pub fn run(args: &Args) -> CommandResult {
         }
     }
     result?;
-    match (narrator.given_up, narrator.died) {
+    match (narrator.given_up, narrator.ended_badly) {
         (Some(name), _) => Err(format!("{name} does not start; its last lines are above").into()),
         (None, 0) => Ok(Outcome::Good),
         (None, _) => Ok(Outcome::Missed),
@@ -163,12 +167,14 @@ fn launches(rig: &Rig, path: &Path, domain: &DomainName) -> std::io::Result<Vec<
             0 => process.command.clone(),
             n => format!("{}#{}", process.command, n + 1),
         };
+        let finishes_writing = process.command == "record";
         launches.push(Launch {
             name,
             executable: executable.clone(),
             arguments: arguments(process, &path, domain),
             restart: process.restart,
-            stop_patience: STOP_PATIENCE,
+            stop_patience: if finishes_writing { WRITER_PATIENCE } else { STOP_PATIENCE },
+            finishes_writing,
         });
     }
     Ok(launches)
@@ -199,14 +205,17 @@ fn arguments(process: &ProcessSpec, rig: &Path, domain: &DomainName) -> Vec<OsSt
 struct Narrator {
     events: bool,
     live: LiveLines,
-    died: usize,
+    /// Ends that were not in order.
+    ended_badly: usize,
     given_up: Option<String>,
 }
 
 impl Narrator {
     fn tell(&mut self, happening: &Happening) {
-        if let Happening::Ended { again_in: Some(_), .. } = happening {
-            self.died += 1;
+        if let Happening::Ended { again_in, well, .. } = happening
+            && (again_in.is_some() || !well)
+        {
+            self.ended_badly += 1;
         }
         if let Happening::GivenUp { name, .. } = happening {
             self.given_up = Some(name.clone());
@@ -243,7 +252,7 @@ fn as_json(happening: &Happening) -> serde_json::Value {
         Happening::Line { name, line } => {
             json!({"t_ns": t_ns, "event": "line", "process": name, "line": line})
         }
-        Happening::Ended { name, pid, how, again_in } => json!({
+        Happening::Ended { name, pid, how, again_in, .. } => json!({
             "t_ns": t_ns, "event": "ended", "process": name, "pid": pid, "how": how,
             "again_in_ms": again_in.map(|wait| wait.as_secs_f64() * 1e3),
         }),

@@ -36,6 +36,8 @@ pub struct Launch {
     pub restart: Restart,
     /// How long it gets to end in order before it is killed.
     pub stop_patience: Duration,
+    /// Whether it has work to finish then: its patience counts anew whenever it has written something.
+    pub finishes_writing: bool,
 }
 
 /// A process that could not be started.
@@ -110,6 +112,12 @@ impl Child {
     pub(super) fn descriptors(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         let stderr = self.stderr.as_ref().map(|s| s.as_fd());
         [self.ended.as_fd(), self.ready.as_fd()].into_iter().chain(stderr)
+    }
+
+    /// Bytes that it has handed to the system so far, whatever for (proc(5), `wchar`).
+    pub(super) fn written_bytes(&self) -> Option<u64> {
+        let account = std::fs::read_to_string(format!("/proc/{}/io", self.process.id())).ok()?;
+        account.lines().find_map(|line| line.strip_prefix("wchar: ")?.parse().ok())
     }
 
     pub(super) fn has_become_ready(&self) -> bool {

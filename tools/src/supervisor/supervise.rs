@@ -88,6 +88,8 @@ pub enum Happening {
         pid: u32,
         /// How, in words.
         how: String,
+        /// Whether it ended by itself, with exit code 0.
+        well: bool,
         /// When it will be started again; `None`: not at all.
         again_in: Option<Duration>,
     },
@@ -285,7 +287,8 @@ impl Managed {
             Some(wait) => State::BackingOff { until: Instant::now() + wait },
             None => State::Ended,
         };
-        on(Happening::Ended { name: name.clone(), pid, how: in_words(status), again_in });
+        let well = status.success();
+        on(Happening::Ended { name: name.clone(), pid, how: in_words(status), well, again_in });
         if given_up {
             let last_lines = self.last_lines.iter().cloned().collect();
             on(Happening::GivenUp { name: name.clone(), last_lines });
@@ -295,10 +298,17 @@ impl Managed {
     fn stop(&mut self, on: &mut dyn FnMut(Happening)) {
         if let State::Alive { child, .. } = &mut self.state {
             child.signal(Signal::SIGTERM);
-            let asked = Instant::now();
+            let (mut since, mut written) = (Instant::now(), None);
             loop {
+                if self.launch.finishes_writing {
+                    // As long as it gets on, it is not stuck.
+                    let now = child.written_bytes();
+                    if now != written {
+                        (since, written) = (Instant::now(), now);
+                    }
+                }
                 match child.exit() {
-                    Ok(None) if asked.elapsed() < self.launch.stop_patience => {
+                    Ok(None) if since.elapsed() < self.launch.stop_patience => {
                         forward_lines(child, &self.launch.name, &mut self.last_lines, on);
                         let mut descriptors: Vec<_> =
                             child.descriptors().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
@@ -306,14 +316,21 @@ impl Managed {
                     }
                     ended => {
                         forward_lines(child, &self.launch.name, &mut self.last_lines, on);
-                        let how = match ended {
-                            Ok(Some(status)) => in_words(status),
-                            _ => {
-                                format!("killed: it did not stop within {:?}", self.launch.stop_patience)
+                        let patience = self.launch.stop_patience;
+                        let (how, well) = match ended {
+                            // One that was asked before it listened has ended in order too.
+                            Ok(Some(status)) => {
+                                let asked = status.signal() == Some(Signal::SIGTERM as i32);
+                                (in_words(status), status.success() || asked)
                             }
+                            _ if self.launch.finishes_writing => (
+                                format!("killed: it wrote nothing more for {patience:?}, and did not stop"),
+                                false,
+                            ),
+                            _ => (format!("killed: it did not stop within {patience:?}"), false),
                         };
                         let (name, pid) = (self.launch.name.clone(), child.pid());
-                        on(Happening::Ended { name, pid, how, again_in: None });
+                        on(Happening::Ended { name, pid, how, well, again_in: None });
                         break;
                     }
                 }
@@ -365,6 +382,7 @@ mod tests {
             arguments,
             restart,
             stop_patience: Duration::from_secs(3),
+            finishes_writing: false,
         }
     }
 
@@ -417,6 +435,22 @@ mod tests {
         let Some(Happening::GivenUp { last_lines, .. }) = happened.last() else { panic!("{happened:?}") };
         assert!(last_lines.contains(&"why".to_owned()));
         assert!(supervisor.all_ended());
+    }
+
+    #[test]
+    fn one_that_has_to_write_to_the_end_is_waited_for_as_long_as_it_writes() {
+        let slow = "trap 'for i in 1 2 3 4 5 6 7 8; do echo part; sleep 0.4; done; exit 0' TERM; echo up >&2; \
+                    while :; do sleep 0.01; done";
+        for (finishes_writing, how_it_ends) in [(true, "ended"), (false, "killed")] {
+            let mut launch = shell("writer", slow, Restart::Never);
+            (launch.stop_patience, launch.finishes_writing) = (Duration::from_secs(2), finishes_writing);
+            let mut supervisor = Supervisor::new(vec![launch]);
+            until(&mut supervisor, |h| h.iter().any(|h| matches!(h, Happening::Line { .. })));
+            let mut happened = Vec::new();
+            supervisor.stop(&mut |h| happened.push(h));
+            let Some(Happening::Ended { how, well, .. }) = happened.last() else { panic!("{happened:?}") };
+            assert!(how.starts_with(how_it_ends) && *well == finishes_writing, "{how}");
+        }
     }
 
     #[test]

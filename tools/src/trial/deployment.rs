@@ -8,7 +8,7 @@ use std::{
 use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
     Clock as _, DomainName, MonotonicClock, Shutdown,
-    bus::{Bus, Subscriber, Topic},
+    bus::{Bus, DomainRemains, Subscriber, Topic},
     rig::{Restart, Rig},
     wire::BallTruth,
 };
@@ -26,6 +26,7 @@ pub struct Deployment {
     supervisor: Supervisor,
     words: Words,
     eyes: Option<Eyes>,
+    domain: DomainName,
     pids: BTreeMap<String, u32>,
     /// Of the rig file; removed at the end.
     _folder: tempfile::TempDir,
@@ -45,12 +46,15 @@ struct Words {
     last_lines: VecDeque<String>,
     ready: bool,
     ended: bool,
+    ended_badly: bool,
 }
 
 /// How long the processes may take to be ready. Frames rendered beforehand take their time.
 const READY_PATIENCE: Duration = Duration::from_secs(120);
 /// `up` stops up to six processes one after the other.
 const STOP_PATIENCE: Duration = Duration::from_secs(20);
+/// A recorder may have much to write: `up` itself sees whether it gets on.
+const RECORDED_STOP_PATIENCE: Duration = Duration::from_secs(600);
 /// Lines kept for the message when something fails.
 const LAST_LINES: usize = 20;
 
@@ -78,10 +82,11 @@ impl Deployment {
             executable,
             arguments,
             restart: Restart::Never,
-            stop_patience: STOP_PATIENCE,
+            stop_patience: if setup.record.is_some() { RECORDED_STOP_PATIENCE } else { STOP_PATIENCE },
+            finishes_writing: false,
         }]);
         let (words, pids) = (Words::default(), BTreeMap::new());
-        Ok(Self { supervisor, words, eyes: Some(eyes), pids, _folder: folder })
+        Ok(Self { supervisor, words, eyes: Some(eyes), domain, pids, _folder: folder })
     }
 
     /// Waits, at most for as long as nothing is missed, and hands over what has been seen.
@@ -143,6 +148,35 @@ impl Deployment {
         Ok(())
     }
 
+    /// Leaves the domain, and has `up` stop all. Returns what the recorder said where the end was not in order.
+    pub fn stop(mut self) -> Option<String> {
+        self.end();
+        let words = &self.words;
+        let of_recorder = words
+            .last_lines
+            .iter()
+            .map(|line| line.trim())
+            .filter(|line| ["record: ", "record| netcord: "].iter().any(|begin| line.starts_with(begin)));
+        words.ended_badly.then(|| of_recorder.collect::<Vec<_>>().join("; "))
+    }
+
+    /// Leaves the domain, has `up` stop all, and removes what is left where `up` could not.
+    fn end(&mut self) {
+        if self.eyes.take().is_none() {
+            return;
+        }
+        let words = &mut self.words;
+        self.supervisor.stop(&mut |happening| words.take(&happening));
+        for domain in [Ok(self.domain.clone()), truth_domain(&self.domain)].into_iter().flatten() {
+            let remains = DomainRemains::of(&domain);
+            if remains.inhabitants().is_ok_and(|alive| alive.is_empty())
+                && let Err(e) = remains.remove()
+            {
+                tracing::warn!("{e}");
+            }
+        }
+    }
+
     /// Process ids by the processes' own names, of those that have told their health.
     pub const fn pids(&self) -> &BTreeMap<String, u32> {
         &self.pids
@@ -150,10 +184,8 @@ impl Deployment {
 }
 
 impl Drop for Deployment {
-    /// Leaves the domain, then has `up` stop all and remove what is left.
     fn drop(&mut self) {
-        self.eyes = None;
-        self.supervisor.stop(&mut |_| {});
+        self.end();
     }
 }
 
@@ -179,7 +211,7 @@ impl Words {
                 self.last_lines.push_back(format!("  {line}"));
             }
             Happening::Ready { .. } => self.ready = true,
-            Happening::Ended { .. } => self.ended = true,
+            Happening::Ended { well, .. } => (self.ended, self.ended_badly) = (true, !well),
             Happening::Started { .. } | Happening::GivenUp { .. } => {}
         }
     }

@@ -53,9 +53,13 @@ const DRAW: Duration = Duration::from_millis(100);
 pub fn run(setup: &Setup, stop: &Shutdown, live: &mut LiveLines) -> Result<Trial, TrialError> {
     let mut deployment = Deployment::start(setup)?;
     let log = observe(setup, &mut deployment, stop, live);
-    drop(deployment);
+    let said = deployment.stop();
     live.draw(&[]);
-    log?.judge(setup)
+    let mut trial = log?.judge(setup)?;
+    if let (Some(file), Some(said)) = (&setup.record, said.filter(|said| !said.is_empty())) {
+        trial.report.missed.push(format!("the recording {} is not whole: {said}", file.display()));
+    }
+    Ok(trial)
 }
 
 /// Everything seen, judged when all is over.

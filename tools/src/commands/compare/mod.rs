@@ -11,7 +11,10 @@ use netcord_detect::triangulate::comparison::{self, Accuracy, PLACES, Setting};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output,
+};
 
 /// Compare the triangulation methods: precision over noise, calibration error, number of cameras and place
 /// over the table, and time per point; or triangulate given points with each method; or compare what the
@@ -126,8 +129,7 @@ struct Report {
 /// Runs `netcord compare`.
 pub fn run(args: &Args) -> CommandResult {
     if let (Some(points), Some(out), Some(rig)) = (&args.points, &args.out, &args.rig) {
-        points::triangulate(&Rig::load(rig)?, points, out)?;
-        return Ok(Outcome::Good);
+        return points::triangulate(&Rig::load(rig)?, points, out);
     }
     let rigs = rigs(args.rig.as_deref())?;
     let plot = match (&args.plot, &args.report) {
@@ -135,6 +137,7 @@ pub fn run(args: &Args) -> CommandResult {
         (None, Some(report)) => report.with_extension("png"),
         (None, None) => "compare.png".into(),
     };
+    output::check(std::iter::once(plot.as_path()).chain(args.report.as_deref()))?;
     if args.input {
         let rows = input::measure(&rigs[0], args.seed, args.frames)?;
         input::print(&rows);
@@ -157,7 +160,7 @@ pub fn run(args: &Args) -> CommandResult {
 fn write_report(path: Option<&Path>, report: &impl Serialize) -> CommandResult {
     if let Some(path) = path {
         let text = serde_json::to_string_pretty(report)?;
-        crate::output::write(path, text)?;
+        output::write(path, text)?;
         println!("report: {}", path.display());
     }
     Ok(Outcome::Good)

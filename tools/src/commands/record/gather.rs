@@ -40,6 +40,10 @@ pub(super) struct Gather {
     health: HealthReporter,
     /// Bytes of copies that wait.
     copied: Arc<AtomicUsize>,
+    /// Frames exposed later are not recorded, ns of this machine's clock.
+    until_ns: Option<u64>,
+    /// Whether one of them has come.
+    over: bool,
     frames: Count,
     messages: Count,
     lost_frames: Count,
@@ -85,6 +89,8 @@ impl Gather {
             truth: truth.map(|bus| bus.subscriber(&Topic::truth())).transpose()?,
             health: HealthReporter::open(bus, "record", &stage.counters)?,
             copied: Arc::new(AtomicUsize::new(0)),
+            until_ns: None,
+            over: false,
             frames,
             messages,
             lost_frames,
@@ -102,8 +108,10 @@ impl Gather {
         stage.counters.set_state(ProcessState::Running);
         self.health.publish(MonotonicClock.now().as_ns())?;
         let began = Instant::now();
+        self.until_ns = length.map(|length| MonotonicClock.now().after(length).as_ns());
         let (mut told, mut told_at) = (0, Instant::now());
-        while !stage.stop.is_requested() && length.is_none_or(|l| began.elapsed() < l) && !store.has_ended() {
+        let in_time = || length.is_none_or(|length| began.elapsed() < length);
+        while !stage.stop.is_requested() && in_time() && !self.over && !store.has_ended() {
             self.wait()?;
             self.drain(store)?;
             self.health.tick(MonotonicClock.now().as_ns())?;
@@ -141,6 +149,11 @@ impl Gather {
             while (has_place(&camera.held) || copied.load(Ordering::Acquire) < COPIED)
                 && let Some(frame) = camera.frames.as_ref().map_or(Ok(None), FrameSubscriber::receive)?
             {
+                // By their stamps: where processors are short, frames come as fast as they are taken, and long after.
+                if self.until_ns.is_some_and(|until| frame.header().stamps.mid_exposure_host_ns > until) {
+                    self.over = true;
+                    break;
+                }
                 self.lost_frames.add(camera.gaps.see_frame(frame.header()));
                 let frame = match has_place(&camera.held) {
                     true => RecordedFrame::hold(frame, &camera.held),
