@@ -84,7 +84,13 @@ impl Control {
     fn expose(&self, request: &ControlRequest) -> ControlResponse {
         let wanted = request.values[0];
         if !(SHORTEST_NS as f64..=self.longest_ns as f64).contains(&wanted) {
-            let text = format!("an exposure of {wanted} ns; valid are {SHORTEST_NS} to {}", self.longest_ns);
+            let us = |ns: f64| ns * 1e-3;
+            let text = format!(
+                "an exposure of {} µs; valid are {} to {} µs",
+                us(wanted),
+                us(SHORTEST_NS as f64),
+                us(self.longest_ns as f64)
+            );
             return response(ControlStatus::Invalid, &text);
         }
         let exposure_ns = wanted.round() as u64;

@@ -56,6 +56,9 @@ const WATCHED_S: f64 = 0.6;
 const SPEED_SPREAD: f64 = 0.40;
 const SPIN_SPREAD: f64 = 0.48;
 
+/// Serves that are tried before there is a pause instead: of a ball that can be played the first nearly always is good.
+const SERVES: u32 = 20;
+
 /// Attempts at a stroke before the player gives up; each third of them is slower than the last.
 const ATTEMPTS: u32 = 60;
 
@@ -88,6 +91,13 @@ impl Rally {
         rally
     }
 
+    /// Whether the ball can be played at all: one that is large and as light as the rules have it is stopped by the
+    /// air before the net.
+    pub fn begins(&mut self) -> bool {
+        self.restart();
+        self.at(FIRST_SERVE_S).is_some()
+    }
+
     fn restart(&mut self) {
         self.random = Pcg64::seed_from_u64(self.seed);
         self.server = -1.0;
@@ -111,20 +121,20 @@ impl Rally {
         self.stretches.rotate_left(1);
         match (end, returned) {
             (Some(_), Some((_, ball))) if self.stroke(from_s, &ball) => {}
-            (Some(_), _) => {
+            (None, _) if self.serve(from_s) => {}
+            (_, _) => {
                 let (shortest, longest) = self.style.pause_s;
                 let pause = self.random.random_range(shortest..=longest);
                 let stretch = self.newest();
                 (stretch.from_s, stretch.to_s, stretch.flight_id) = (from_s, from_s + pause, 0);
             }
-            (None, _) => self.serve(from_s),
         }
     }
 
-    fn serve(&mut self, from_s: f64) {
+    /// Feeds serves from behind the table until one is good; false where none was.
+    fn serve(&mut self, from_s: f64) -> bool {
         self.server = -self.server;
-        // Serves are fed from behind the table until one is good: the first nearly always is.
-        loop {
+        for _ in 0..SERVES {
             let position = Vector3::new(
                 self.random.random_range(-0.5..0.5),
                 self.server * self.random.random_range(1.4..1.8),
@@ -132,9 +142,10 @@ impl Rally {
             );
             let ball = BallState { position, velocity: Vector3::y() * self.server, spin: Vector3::zeros() };
             if self.stroke(from_s, &ball) {
-                return;
+                return true;
             }
         }
+        false
     }
 
     /// Plays `ball` back to the other side; false where no stroke could.
@@ -221,8 +232,12 @@ mod tests {
     use super::*;
 
     fn rally(seed: u64) -> Rally {
+        rally_of(0.02, seed)
+    }
+
+    fn rally_of(radius_m: f64, seed: u64) -> Rally {
         let contact = Contact {
-            radius_m: 0.02,
+            radius_m,
             restitution: 0.98,
             restitution_slope_s_m: 0.02,
             friction: 0.27,
@@ -236,7 +251,15 @@ mod tests {
             misses: 0.15,
             pause_s: (0.4, 1.0),
         };
-        Rally::new(Air::new(0.02, 0.47, 0.12), contact, style, seed)
+        Rally::new(Air::new(radius_m, 0.47, 0.12), contact, style, seed)
+    }
+
+    #[test]
+    fn a_ball_that_cannot_be_played_is_never_there_and_asking_for_it_ends() {
+        assert!((0..5).all(|seed| rally(seed).begins()));
+        let mut balloon = rally_of(0.075, 1);
+        assert!(!balloon.begins());
+        assert_eq!(balloon.at(3.0), None);
     }
 
     #[test]

@@ -66,7 +66,7 @@ impl Scene {
     /// The scene that `options` describe, for the ball and rate of `rig`.
     ///
     /// # Errors
-    /// [`SceneError`] when the file of flights cannot be used.
+    /// [`SceneError`] when the file of flights cannot be used, or the ball cannot be played.
     pub fn new(rig: &Rig, options: &SceneOptions) -> Result<Self, SceneError> {
         let difficulty = options.preset.difficulty();
         let mut random = Pcg64::seed_from_u64(options.seed);
@@ -113,6 +113,11 @@ impl Scene {
                 seed: random.random(),
             },
         };
+        if let Flights::Rally { air, contact, style, seed } = &flights
+            && !Rally::new(*air, *contact, *style, *seed).begins()
+        {
+            return Err(SceneError::NoFlight { diameter_m: rig.ball.diameter_m });
+        }
         let exposure_ns = options.exposure_ns.or(difficulty.exposure_ns);
         let (noise, seed) = (difficulty.noise, options.seed);
         Ok(Self { room, cast, ball, radius_m, noise, white_dn, blur_px, exposure_ns, seed, board, flights })

@@ -28,6 +28,15 @@ pub enum SceneError {
     /// The flights cannot be used.
     #[error(transparent)]
     Flights(#[from] RecordedFlightsError),
+    /// The ball cannot be played.
+    #[error(
+        "no stroke brings a ball of {diameter_m} m and 2.7 g over the net and onto the table: the air stops it. Give \
+         the rig's [ball] a diameter_m near 0.04, or recorded flights"
+    )]
+    NoFlight {
+        /// The ball's diameter by the rig, m.
+        diameter_m: f64,
+    },
     /// The board cannot be shown.
     #[error(transparent)]
     Board(#[from] CarriedBoardError),
