@@ -310,12 +310,12 @@ impl RigEdit {
         Rig::parse(&self.text(), &self.path)
     }
 
-    /// Writes into a new file and renames it over the old one, which is kept as `<file>.bak`: a reader
-    /// sees the old or the new, never a part.
+    /// Writes into a new file and renames it over the old one, which is kept as `<file>.bak`, or `.bak2` and so on
+    /// where there is one already: a reader sees the old or the new, never a part. Returns where the old one is.
     ///
     /// # Errors
     /// [`RigError::File`].
-    pub fn save(&self) -> Result<(), RigError> {
+    pub fn save(&self) -> Result<Option<PathBuf>, RigError> {
         let failed = |path: &Path| {
             let path = path.to_owned();
             move |cause| RigError::File { doing: "write", path, cause }
@@ -325,13 +325,20 @@ impl RigEdit {
             name.push(suffix);
             PathBuf::from(name)
         };
-        let (new, old) = (with(".new"), with(".bak"));
+        let new = with(".new");
         let mut file = fs::File::create(&new).map_err(failed(&new))?;
         file.write_all(self.text().as_bytes()).and_then(|()| file.sync_all()).map_err(failed(&new))?;
+        let mut kept = None;
         if self.path.exists() {
-            fs::copy(&self.path, &old).map_err(failed(&old))?;
+            // The first one is what calibration began with, which no later one may replace.
+            let names = std::iter::once(".bak".to_owned()).chain((2_u32..).map(|n| format!(".bak{n}")));
+            if let Some(old) = names.map(|name| with(&name)).find(|old| !old.exists()) {
+                fs::copy(&self.path, &old).map_err(failed(&old))?;
+                kept = Some(old);
+            }
         }
-        fs::rename(&new, &self.path).map_err(failed(&self.path))
+        fs::rename(&new, &self.path).map_err(failed(&self.path))?;
+        Ok(kept)
     }
 }
 
@@ -440,7 +447,10 @@ mod tests {
         assert!(read.amax() < 1e-14);
         let text = fs::read_to_string(&path).expect("there");
         assert!(text.starts_with("name = \"lab\" # our lab"), "{text}");
-        assert_eq!(fs::read_to_string(folder.path().join("rig.toml.bak")).expect("kept"), before);
+        let first = folder.path().join("rig.toml.bak");
+        assert_eq!(fs::read_to_string(&first).expect("kept"), before);
+        assert_eq!(edit.save().expect("written"), Some(folder.path().join("rig.toml.bak2")));
+        assert_eq!(fs::read_to_string(first).expect("kept"), before);
     }
 
     #[test]

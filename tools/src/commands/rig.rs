@@ -12,9 +12,10 @@ use netcord_common::{
     CameraName, DomainName, PixelFormat,
     bus::DomainRemains,
     rig::{
-        Rig, RigEdit,
+        Rig, RigCamera, RigEdit,
         exchange::{self, Format, ImportDefaults},
     },
+    wire::WorldFrame,
 };
 
 use crate::{
@@ -79,7 +80,8 @@ struct ImportArgs {
     pixel_format: PixelFormat,
 
     /// The exposure of the cameras, in microseconds.
-    #[arg(long, default_value_t = 1000.0, value_name = "US")]
+    #[arg(long, default_value_t = 1000.0, value_name = "US", allow_negative_numbers = true,
+          value_parser = super::between(1.0, 1e6, "microseconds"))]
     exposure_us: f64,
 }
 
@@ -158,7 +160,49 @@ fn show(rig: &Rig) {
             centre.y,
             centre.z
         );
+        if let Some(ball) = &camera.ball {
+            let [least, most] = ball.diameter_px;
+            println!("  {:<12} knows the ball's colour, learnt from balls of {least:.0} to {most:.0} px", "");
+        }
     }
+    println!("  ball: {:.1} mm, {:?}", rig.ball.diameter_m * 1e3, rig.ball.colour);
+    if rig.world == WorldFrame::Table {
+        println!("  table: its frame is that of results");
+    } else {
+        println!("  table: not calibrated (`netcord calib table`)");
+    }
+    for doubt in doubts(rig) {
+        tracing::warn!("{doubt}");
+    }
+}
+
+/// What is valid, but can hardly be meant.
+fn doubts(rig: &Rig) -> Vec<String> {
+    let mut doubts = Vec::new();
+    let interval_ns = rig.interval_ns();
+    for (place, camera) in rig.cameras.iter().enumerate() {
+        let name = &camera.name;
+        if camera.exposure_ns >= interval_ns {
+            doubts.push(format!(
+                "camera {name}: an exposure of {} µs does not fit into the {} µs between two frames at {} Hz",
+                camera.exposure_ns / 1000,
+                interval_ns / 1000,
+                rig.rate_hz
+            ));
+        }
+        let (width, height) = (camera.model.width, camera.model.height);
+        if camera.pixel_format != PixelFormat::Mono8 && (width % 2 == 1 || height % 2 == 1) {
+            doubts
+                .push(format!("camera {name}: {width} × {height} px cut the cells of a Bayer mosaic apart"));
+        }
+        let centre = camera.camera_from_world.origin();
+        let near =
+            |other: &&RigCamera| (other.camera_from_world.origin().coords - centre.coords).norm() < 1e-3;
+        if let Some(other) = rig.cameras[..place].iter().find(near) {
+            doubts.push(format!("cameras {} and {name} stand at one place: they give no depth", other.name));
+        }
+    }
+    doubts
 }
 
 fn import(args: &ImportArgs) -> Result<(), Box<dyn Error>> {
@@ -207,4 +251,24 @@ fn export(args: &ExportArgs) -> Result<(), Box<dyn Error>> {
         None => print!("{text}"),
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_can_hardly_be_meant_is_told() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../common/rigs/example-2cam.toml");
+        let mut rig = Rig::load(&path).expect("an example rig");
+        assert_eq!(doubts(&rig), Vec::<String>::new());
+        rig.cameras[0].exposure_ns = 20_000_000;
+        rig.cameras[1].model.width += 1;
+        rig.cameras[1].camera_from_world = rig.cameras[0].camera_from_world.clone();
+        let told = doubts(&rig);
+        for (said, part) in told.iter().zip(["20000 µs does not fit", "Bayer mosaic", "at one place"]) {
+            assert!(said.contains(part), "{said}");
+        }
+        assert_eq!(told.len(), 3, "{told:?}");
+    }
 }

@@ -444,7 +444,5 @@ fn write(
         }
         edit.set_pose(&name, pose.0.matrix(), &pose.1, None, Some(&note));
     }
-    edit.save()?;
-    println!("written to {}; the old one is kept beside it as .bak", args.rig.display());
-    Ok(())
+    super::save::save(edit, &args.rig)
 }

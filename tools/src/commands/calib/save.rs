@@ -57,8 +57,14 @@ pub fn intrinsics<'a>(
         };
         edit.set_intrinsics(&name, &c.model, Some(&c.standard_deviations()), Some(&note));
     }
-    edit.save()?;
-    println!("written to {}; the old one is kept beside it as .bak", rig.display());
+    save(&edit, rig)
+}
+
+/// Writes the rig file, and says so.
+pub fn save(edit: &RigEdit, path: &Path) -> Result<(), Box<dyn Error>> {
+    let kept =
+        edit.save()?.map_or_else(String::new, |old| format!("; the old one is kept as {}", old.display()));
+    println!("written to {}{kept}", path.display());
     Ok(())
 }
 
@@ -97,9 +103,7 @@ pub fn rig(path: &Path, board: &str, rig: &RigCalibration) -> Result<(), Box<dyn
             Some(&note),
         );
     }
-    edit.save()?;
-    println!("written to {}; the old one is kept beside it as .bak", path.display());
-    Ok(())
+    save(&edit, path)
 }
 
 /// Writes the table's pose.
@@ -119,7 +123,5 @@ pub fn table(
     let pose = &table.first_from_table;
     let sigma = table.standard_deviations();
     edit.set_table(pose.rotation.matrix(), &pose.translation, Some(&sigma), Some(&note));
-    edit.save()?;
-    println!("written to {}; the old one is kept beside it as .bak", path.display());
-    Ok(())
+    save(&edit, path)
 }
