@@ -11,6 +11,10 @@ use super::{Channels, Picture};
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// The first bytes of a JPEG file: start of image, and the next marker's first byte (ITU-T T.81, B.1.1).
 const JPEG: &[u8] = b"\xff\xd8\xff";
+/// What a JPEG file's scans begin with, and what follows the last one: start of scan, end of image (B.1.1.3). In a
+/// scan's data neither occurs.
+const SCAN: [u8; 2] = [0xff, 0xda];
+const END: [u8; 2] = [0xff, 0xd9];
 /// No side of a JPEG file can be longer; the decoder's own bound is lower.
 const LONGEST_PX: usize = u16::MAX as usize;
 
@@ -69,6 +73,11 @@ fn jpeg(file: &[u8], wanted: Channels) -> Result<Picture, String> {
         .jpeg_set_out_colorspace(out);
     let mut decoder = JpegDecoder::new_with_options(Cursor::new(file), options);
     let bytes = decoder.decode().map_err(|e| e.to_string())?;
+    // The decoder fills with grey what is missing.
+    let scan = file.windows(2).rposition(|marker| marker == SCAN).unwrap_or(0);
+    if !file[scan..].windows(2).any(|marker| marker == END) {
+        return Err("the JPEG file is cut off: its last scan does not end".into());
+    }
     let size = decoder.dimensions().ok_or("the JPEG file has no size")?;
     Picture::new(size, wanted, bytes)
         .ok_or_else(|| format!("the JPEG file does not hold {} × {} px of its kind", size.0, size.1))

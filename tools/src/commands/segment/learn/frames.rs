@@ -131,6 +131,14 @@ impl Frames {
         }
     }
 
+    /// The rig that filmed, where a recording tells it.
+    pub(super) fn own_rig(&self) -> Option<Rig> {
+        match self {
+            Self::Pictures(_) => None,
+            Self::Recording { footage, .. } => footage.rig().ok(),
+        }
+    }
+
     /// The cameras for a rig file that is begun.
     pub(super) fn begin(&self, edit: &mut RigEdit) -> Result<(), Box<dyn Error>> {
         for camera in 0..self.cameras() {

@@ -61,7 +61,11 @@ impl Marks {
             Some(folder) if folder.is_dir() => Self::yolo(frames, Some(folder))?,
             Some(file) => Self::file(file, frames)?,
             None if frames.picture(0, 0).is_some() => Self::yolo(frames, None)?,
-            None => Self::truth(frames, rig),
+            // By the calibration with which it was filmed: the rig file may be of another day, or only begun.
+            None => {
+                let own = frames.own_rig().map(|own| Rig { ball: rig.ball, ..own });
+                Self::truth(frames, own.as_ref().unwrap_or(rig))
+            }
         };
         if marks.by_frame.values().all(Vec::is_empty) {
             return Err(match from {

@@ -12,7 +12,7 @@ use std::{
 };
 
 use netcord_common::{
-    CameraName, FrameView, PixelFormat,
+    CameraName, DomainName, FrameView, PixelFormat,
     rig::{LearningNote, RigEdit},
 };
 use netcord_detect::segment::learn::{Learner, Lesson, Mark, MarkError};
@@ -60,6 +60,10 @@ pub struct LearnArgs {
     #[arg(long, value_name = "R.json", requires = "learn", value_parser = file_to_write)]
     report: Option<PathBuf>,
 
+    /// Write what was learnt into the rig file also where it hardly tells the ball, or most marks were left out.
+    #[arg(long, requires = "learn")]
+    force: bool,
+
     /// What was learnt, as a picture: the region among the ball's and other colours, and the marked balls with the
     /// cells that pass. PNG or SVG.
     #[arg(long, value_name = "P.png", requires = "learn", value_parser = file_to_write)]
@@ -78,7 +82,7 @@ struct Class {
 /// Learns from `input`, and writes what was learnt into the rig file.
 pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>) -> CommandResult {
     let (mut edit, begun) =
-        if rig.exists() { (RigEdit::open(rig)?, false) } else { (RigEdit::create(rig, "learnt"), true) };
+        if rig.exists() { (RigEdit::open(rig)?, false) } else { (RigEdit::create(rig, &name_of(rig)), true) };
     let frames = Frames::open(input, only)?;
     if begun {
         frames.begin(&mut edit)?;
@@ -104,6 +108,7 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
     }
     let mut report = Report::default();
     let mut plots = Vec::new();
+    let mut doubts = Vec::new();
     for class in classes.values() {
         let names = class.cameras.iter().map(CameraName::as_str).collect::<Vec<_>>().join(", ");
         for skipped in &class.skipped {
@@ -111,6 +116,7 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
         }
         let lesson = class.learner.learn().map_err(|e| format!("camera {names}: {e}"))?;
         println!("{}", summary(&names, &lesson));
+        doubts.extend(doubt(class, &lesson).map(|why| format!("camera {names}: {why}")));
         for camera in &class.cameras {
             edit.set_ball(camera, &lesson.colour, &note(&lesson));
             report.cameras.push(CameraReport::of(camera, &lesson, &class.skipped));
@@ -131,6 +137,14 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
     if let Some(path) = &args.report {
         report.write(path)?;
     }
+    if !doubts.is_empty() && !args.force {
+        return Err(format!(
+            "{}; are the marks where the balls are? {} is as it was; --force writes it all the same",
+            doubts.join("; "),
+            rig.display()
+        )
+        .into());
+    }
     edit.save()?;
     println!(
         "{}: written{}",
@@ -143,7 +157,31 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
             rig.display()
         );
     }
-    Ok(Outcome::Good)
+    let left_out = classes.values().any(|class| !class.skipped.is_empty());
+    Ok(if left_out { Outcome::Missed } else { Outcome::Good })
+}
+
+/// A colour whose curve has less area under it tells the ball from hardly more than half of all else.
+const LEAST_AREA: f64 = 0.85;
+
+/// Why what was learnt is not to be trusted.
+fn doubt(class: &Class, lesson: &Lesson) -> Option<String> {
+    let area = lesson.separation.area;
+    if class.skipped.len() > lesson.frames {
+        Some(format!("{} marked frames were left out and {} learnt from", class.skipped.len(), lesson.frames))
+    } else if area < LEAST_AREA {
+        Some(format!(
+            "the colour does not tell the ball: area under the curve {area:.2}, from 0.5 (nothing) to 1"
+        ))
+    } else {
+        None
+    }
+}
+
+/// The name of a rig whose file is begun: that of the file, where it can be one.
+fn name_of(rig: &std::path::Path) -> String {
+    let stem = rig.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    DomainName::new(stem).map_or_else(|_| "learnt".to_owned(), |name| name.to_string())
 }
 
 /// Learns from one frame. A box in which no ball can be told is left out with its frame.
