@@ -42,11 +42,11 @@ enum Command {
     Demo(commands::demo::Args),
     /// Start the processes of a rig, watch them, restart those that die, stop all in order.
     Up(commands::up::Args),
-    /// Publish frames of all cameras: of a synthetic scene.
+    /// Publish frames of all cameras: of USB3 Vision cameras, a synthetic scene, or a recording.
     Capture(commands::capture::Args),
     /// Ask a running capture to change exposure or gain, to start or to stop.
     Control(commands::control::Args),
-    /// Find what may be the ball in each camera's frames.
+    /// Find what may be the ball in each camera's frames; learn its colour from marked ones (--learn).
     Segment(commands::segment::Args),
     /// Find the ball's position at each trigger from the detections of all cameras.
     Triangulate(commands::triangulate::Args),
@@ -72,13 +72,13 @@ enum Command {
     Bench(commands::bench::Args),
     /// Find what about this machine would break real time, and the cure.
     Doctor(commands::doctor::Args),
-    /// Check a rig file and show what it says.
+    /// Check a rig file and show what it says; import and export calibrations; clean shared memory.
     Rig(commands::rig::Args),
-    /// Compare the triangulation methods, or triangulate given points with each.
+    /// Compare the triangulation methods, triangulate given points with each, or compare kinds of frames (--input).
     Compare(commands::compare::Args),
     /// List USB3 Vision cameras, read and set their features, look through one.
     Cameras(commands::cameras::Args),
-    /// Calibrate cameras, rig and table, from printed boards.
+    /// Calibrate cameras, rig and table, from printed boards, moving points or straight lines.
     Calib(commands::calib::Args),
 }
 

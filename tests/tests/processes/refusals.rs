@@ -4,7 +4,7 @@ use std::{path::Path, process::Command};
 
 use netcord_common::{
     Clock as _, MonotonicClock,
-    bus::{Bus, FramePublisher, Topic},
+    bus::{Bus, DomainRemains, FramePublisher, Topic},
     wire::WIRE_VERSION,
 };
 use netcord_tests::{Lab, Running, Watch, executable, one_at_a_time};
@@ -50,12 +50,42 @@ fn arguments_that_cannot_be_meant_are_refused_before_anything_runs() {
         (vec!["demo", "--report", &no_folder], "there is no folder"),
         (vec!["capture", "--rig", &rig, "--recording", "absent.mcap"], "--source replay"),
         (vec!["capture", "--rig", &rig, "--prerendered", "1000000000"], "1..=10000"),
+        (vec!["demo", "--seconds", "0"], "valid are 0.1 to"),
+        (vec!["demo", "--rate", "nan"], "1 to 10000 Hz"),
+        (vec!["demo", "--record", &rig], "is there already"),
+        (vec!["import", "pictures", "--out", &out, "--rate", "1e300"], "valid are 0.001 to 100000 Hz"),
+        (vec!["rig", "import", &rig, "--out", &out, "--exposure-us", "-1"], "1 to 1000000 microseconds"),
+        (vec!["plot", &out, "--at", "0.5,nan"], "0 to 1000000 seconds"),
+        (vec!["control", "--rig", &rig, "exposure", "-5"], "1 to 1000000 microseconds"),
+        (vec!["predict", "--evaluate", &rig, "--sigma", "nan"], "to 1 metres"),
+        (vec!["predict", "--evaluate", &rig, "--hitting-plane-y-m", "1"], "cannot be used with"),
+        (vec!["rig", "export", &rig, "--format", "json", "--out", &rig], "is read by this command"),
     ] {
         let ended = lab.start(&arguments).wait();
         assert_eq!(ended.code, Some(2), "{arguments:?}: {}", ended.err);
         assert!(ended.err.contains(said), "{arguments:?}: {}", ended.err);
     }
     assert!(!lab.path("out.mcap").exists());
+}
+
+#[test]
+fn a_ball_that_nobody_could_play_is_refused_in_time() {
+    let lab = Lab::new();
+    let path = lab.rig_file(|document| document["ball"]["diameter_m"] = value(0.15));
+    let ended = lab.start(&["capture", "--source", "synthetic", "--rig", &path.display().to_string()]).wait();
+    assert_eq!(ended.code, Some(2), "{}", ended.err);
+    assert!(ended.err.contains("0.15 m") && ended.err.contains("diameter_m"), "{}", ended.err);
+}
+
+#[test]
+fn whoever_finds_nobody_leaves_nothing_in_shared_memory() {
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]).display().to_string();
+    let out = lab.path("out.mcap").display().to_string();
+    let ended = lab.start(&["record", &out, "--rig", &rig, "--seconds", "0.2"]).wait();
+    assert_eq!(ended.code, Some(1), "{}", ended.err);
+    assert!(ended.err.contains("nothing was published"), "{}", ended.err);
+    assert_eq!(DomainRemains::of(lab.domain()).remove().expect("readable"), 0);
 }
 
 #[test]

@@ -39,23 +39,28 @@ enum Request {
     /// Set the exposure.
     Exposure {
         /// Microseconds.
+        #[arg(allow_negative_numbers = true, value_parser = super::between(1.0, 1e6, "microseconds"))]
         us: f64,
     },
     /// Set the gain.
     Gain {
         /// Decibels.
+        #[arg(allow_negative_numbers = true, value_parser = super::between(-100.0, 100.0, "decibels"))]
         db: f64,
     },
     /// Set the frame rate.
     Rate {
         /// Hertz.
+        #[arg(allow_negative_numbers = true, value_parser = super::between(0.001, 100_000.0, "Hz"))]
         hz: f64,
     },
     /// Set the white balance.
     WhiteBalance {
         /// Factor of red against green.
+        #[arg(allow_negative_numbers = true, value_parser = super::between(0.001, 1000.0, "times green"))]
         red: f64,
         /// Factor of blue against green.
+        #[arg(allow_negative_numbers = true, value_parser = super::between(0.001, 1000.0, "times green"))]
         blue: f64,
     },
     /// Set the region of interest, in pixels.

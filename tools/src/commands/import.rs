@@ -34,7 +34,8 @@ pub struct Args {
     format: PixelFormat,
 
     /// Pictures a second.
-    #[arg(long, value_name = "HZ", default_value_t = 100.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 100.0, allow_negative_numbers = true,
+          value_parser = super::between(0.001, 100_000.0, "Hz"))]
     rate: f64,
 
     /// The camera's name, where IMAGES is one folder of pictures.
@@ -55,9 +56,6 @@ const FIRST_NS: u64 = 1_000_000_000;
 
 /// Runs `netcord import`.
 pub fn run(args: &Args) -> CommandResult {
-    if !(args.rate.is_finite() && args.rate > 0.0) {
-        return Err(format!("--rate is {}; it must be above zero", args.rate).into());
-    }
     let cameras = pictures_by_camera(&args.images, &args.camera)?;
     let pictures = cameras.iter().flat_map(|(_, pictures)| pictures);
     let output = Plan::of(pictures.chain(&args.rig)).begin(&args.out)?;

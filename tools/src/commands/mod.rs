@@ -41,6 +41,18 @@ pub fn seconds(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("valid are 0 to {LONGEST_S} seconds, such as 10 or 0.5"))
 }
 
+/// A parser of numbers on the command line, from `low` to `high`, in the option's own unit.
+pub fn between(
+    low: f64,
+    high: f64,
+    unit: &'static str,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let number = text.parse().ok().filter(|number| (low..=high).contains(number));
+        number.ok_or_else(|| format!("valid are {low} to {high} {unit}"))
+    }
+}
+
 /// A month.
 const LONGEST_S: f64 = 31.0 * 86_400.0;
 

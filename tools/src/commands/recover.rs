@@ -2,6 +2,7 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
+    fs,
     path::PathBuf,
 };
 
@@ -15,7 +16,8 @@ use crate::{
 };
 
 /// Saves all whole messages and metadata of a recording into a new file with an index, such as one whose
-/// recorder was killed. Works on any MCAP file; attachments are left out. Exit code 1 when nothing could be saved.
+/// recorder was killed. Works on any MCAP file; attachments are left out. Exit code 1 when the last
+/// record was lost, or nothing could be saved.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The damaged recording; it is not changed.
@@ -68,10 +70,15 @@ pub fn run(args: &Args) -> CommandResult {
     }
     writer.finish()?;
     saved.complete()?;
-    match ending {
+    match &ending {
         Ending::Whole => println!("{} was whole", args.input.display()),
         Ending::CutOff { at, why } => println!("{} is cut off at byte {at}: {why}", args.input.display()),
     }
     println!("{}: {messages} messages of {} topics saved", output.display(), channels.len());
-    Ok(if messages > 0 { Outcome::Good } else { Outcome::Missed })
+    // A file that lacks nothing but its end is saved whole.
+    let is_cut = match ending {
+        Ending::Whole => false,
+        Ending::CutOff { at, .. } => fs::metadata(&args.input)?.len() > at,
+    };
+    Ok(if messages > 0 && !is_cut { Outcome::Good } else { Outcome::Missed })
 }

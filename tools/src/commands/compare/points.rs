@@ -9,7 +9,10 @@ use netcord_detect::triangulate::{
 };
 use serde::Deserialize;
 
-use crate::output::Plan;
+use crate::{
+    exit::{CommandResult, Outcome},
+    output::Plan,
+};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,13 +36,14 @@ struct Group {
 const SIGMA_PX: f64 = 1.0;
 const SLACK_PX: f64 = 2.0;
 
-/// Reads `points`, and writes one file a method into `out`.
-pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> Result<(), Box<dyn Error>> {
+/// Reads `points`, and writes one file a method into `out`. Missed where the robust method finds no place of a point.
+pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> CommandResult {
     let cameras = posed_cameras(rig);
     let groups = read(rig, &cameras, points)?;
     fs::create_dir_all(out).map_err(|e| format!("cannot make the folder {}: {e}", out.display()))?;
     let mut plan = Plan::of([points]);
     let robust = Robust::with_slack_px(SLACK_PX);
+    let mut nowhere = Vec::new();
     for method in all_methods() {
         let method: &dyn Method = if method.code() == robust.code() { &robust } else { method };
         let path = out.join(format!("{}.csv", method.code()));
@@ -58,7 +62,12 @@ pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> Result<(), Bo
                     text += &format!("{},{:.16e},{:.16e},{:.16e}\n", group.id, p.x, p.y, p.z);
                     found += 1;
                 }
-                Err(reason) => *absent.entry(reason.name()).or_insert(0) += 1,
+                Err(reason) => {
+                    *absent.entry(reason.name()).or_insert(0) += 1;
+                    if method.code() == robust.code() {
+                        nowhere.push(format!("{} ({})", group.id, reason.name()));
+                    }
+                }
             }
         }
         plan.begin(&path)?.write(text)?;
@@ -67,7 +76,11 @@ pub(super) fn triangulate(rig: &Rig, points: &Path, out: &Path) -> Result<(), Bo
         let why = if absent.is_empty() { String::new() } else { format!(" ({})", absent.join(", ")) };
         println!("{}: {found} of {} points{why}", path.display(), groups.len());
     }
-    Ok(())
+    if nowhere.is_empty() {
+        return Ok(Outcome::Good);
+    }
+    eprintln!("netcord: no place was found of the points {}", nowhere.join(", "));
+    Ok(Outcome::Missed)
 }
 
 fn read(rig: &Rig, cameras: &[PosedCamera], path: &Path) -> Result<Vec<Group>, Box<dyn Error>> {
@@ -152,9 +165,9 @@ mod tests {
                 text += &format!("p{id},{},{:?},{:?}\n", camera.name, pixel.x, pixel.y);
             }
         }
-        fs::write(&input, text).expect("written");
+        fs::write(&input, &text).expect("written");
         let out = folder.path().join("out");
-        triangulate(&rig, &input, &out).expect("valid");
+        assert_eq!(triangulate(&rig, &input, &out).expect("valid"), Outcome::Good);
         for method in all_methods() {
             let text = fs::read_to_string(out.join(format!("{}.csv", method.code()))).expect("written");
             let mut lines = text.lines();
@@ -171,6 +184,9 @@ mod tests {
             }
             assert_eq!(found, if method.max_views() == 2 { 1 } else { 3 }, "{}", method.code());
         }
+        text += &format!("lonely,{},100,100\n", rig.cameras[0].name);
+        fs::write(&input, text).expect("written");
+        assert_eq!(triangulate(&rig, &input, &out).expect("valid"), Outcome::Missed);
     }
 
     #[test]

@@ -78,6 +78,11 @@ impl Content {
         position.into_iter().chain(self.truth.keys().next().copied()).min().unwrap_or(0)
     }
 
+    /// When the last prediction was made, in seconds after the start.
+    pub(super) fn last_prediction_s(&self) -> Option<f64> {
+        self.trajectories.last().map(|last| self.seconds(last.stamps.mid_exposure_ns))
+    }
+
     /// The predictions made at the instants `at_s` after the start, or at some that are evenly spread.
     pub(super) fn predictions_at(&self, at_s: &[f64]) -> Vec<&BallTrajectory> {
         let Some(last) = self.trajectories.len().checked_sub(1) else { return Vec::new() };

@@ -28,7 +28,8 @@ pub struct Args {
 
     /// Instants whose prediction is drawn, in seconds from the recording's first position; default: five, evenly
     /// spread over those that have one.
-    #[arg(long, value_name = "S,S,…", value_delimiter = ',')]
+    #[arg(long, value_name = "S,S,…", value_delimiter = ',', allow_negative_numbers = true,
+          value_parser = super::between(0.0, 1e6, "seconds"))]
     at: Vec<f64>,
 
     /// Where the errors that are drawn are written as JSON.
@@ -50,6 +51,12 @@ pub fn run(args: &Args) -> CommandResult {
             args.input.display()
         )
         .into());
+    }
+    if let (Some(late), Some(last_s)) =
+        (args.at.iter().copied().reduce(f64::max), content.last_prediction_s())
+        && late > last_s + 1.0
+    {
+        return Err(format!("--at {late}: the last prediction is made at {last_s:.2} s").into());
     }
     let predictions = content.predictions_at(&args.at);
     let size = if content.truth.is_empty() { (1400, 1000) } else { (1400, 1300) };

@@ -1,6 +1,6 @@
 //! `--evaluate`: prediction errors over recorded flights, as table and report.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 use super::{files::Set, plot::ErrorPlot, reliability::Reliability};
 use crate::{
     exit::{CommandResult, Outcome},
+    output::{OutputError, Plan},
     plot,
 };
 
@@ -21,6 +22,11 @@ pub fn run(
     sigma_m: Option<f64>,
     report: Option<&Path>,
 ) -> CommandResult {
+    let begin = |path: &Path| {
+        let mut plan = Plan::default();
+        Ok::<_, OutputError>((plan.begin(path)?, plan.begin(&path.with_extension("png"))?))
+    };
+    let outputs = report.map(begin).transpose()?;
     let mut all = Evaluation::default();
     let (mut by_set, mut ends) = (Map::new(), Vec::new());
     for set in sets {
@@ -60,14 +66,21 @@ pub fn run(
     figures.insert("confidence_other_sets".into(), json!(others.as_ref().map(Reliability::report)));
     figures.insert("confidence_other_sets_worst".into(), json!(worst(&others)));
     figures.insert("sets".into(), Value::Object(by_set));
-    if let Some(path) = report {
-        fs::write(path, format!("{:#}\n", Value::Object(figures)))?;
-        plot::draw(
-            &path.with_extension("png"),
+    if let Some((json, picture)) = outputs {
+        json.write(format!("{:#}\n", Value::Object(figures)))?;
+        plot::draw_into(
+            picture,
             (1400, 560),
             // Without enough recordings for folds there is no second curve to draw.
             &ErrorPlot { errors: &all, given, held_out: folds.unwrap_or_default() },
         )?;
+    }
+    if HORIZONS_MS.iter().all(|ms| all.prediction_errors_m(*ms).is_empty()) {
+        eprintln!(
+            "netcord: nothing could be predicted and compared: times must rise and be in seconds, positions in metres, \
+             several a flight"
+        );
+        return Ok(Outcome::Missed);
     }
     Ok(Outcome::Good)
 }

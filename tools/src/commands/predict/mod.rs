@@ -26,7 +26,8 @@ pub struct Args {
     domain: Option<DomainName>,
 
     /// Where the ball can be hit: the plane y = Y of the table frame, in place of the rig file's.
-    #[arg(long, value_name = "Y", allow_negative_numbers = true)]
+    #[arg(long, value_name = "Y", allow_negative_numbers = true, conflicts_with_all = ["evaluate", "fit"],
+          value_parser = super::between(-10.0, 10.0, "metres"))]
     hitting_plane_y_m: Option<f64>,
 
     /// Instead of running live: predict these recorded flights (files or folders) as if live, and compare.
@@ -53,11 +54,13 @@ pub struct Args {
 
     /// Height of the table's surface in flights that are not in the table frame, m; default: found from
     /// the bounces.
-    #[arg(long, value_name = "Z", allow_negative_numbers = true)]
+    #[arg(long, value_name = "Z", allow_negative_numbers = true,
+          value_parser = super::between(-1000.0, 1000.0, "metres"))]
     table_z: Option<f64>,
 
     /// Standard deviation of the recorded positions, m; default: found from their scatter.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true,
+          value_parser = super::between(1e-6, 1.0, "metres"))]
     sigma: Option<f64>,
 }
 

@@ -122,20 +122,26 @@ pub fn run(args: &Args) -> CommandResult {
     }
     report.print();
     println!("{:.1} s, {:.0} triggers a second", seconds, input.triggers() as f64 / seconds);
-    Ok(warn_of_what_is_missing(&args.recording, &footage))
+    Ok(warn_of_what_is_missing(&args.recording, &footage, report.missing_inside))
 }
 
 /// Says what the recording lacks, though what there is has been processed.
-fn warn_of_what_is_missing(path: &std::path::Path, footage: &Footage) -> Outcome {
+fn warn_of_what_is_missing(path: &std::path::Path, footage: &Footage, missing: u64) -> Outcome {
+    let mut outcome = Outcome::Good;
+    if missing > 0 {
+        tracing::warn!("{missing} images are missing of triggers that other cameras recorded");
+        outcome = Outcome::Missed;
+    }
     for camera in footage.cameras.iter().filter(|c| c.duplicates > 0) {
         tracing::warn!(
             "camera {}: {} images have the time stamp of another and were left out",
             camera.name,
             camera.duplicates
         );
+        outcome = Outcome::Missed;
     }
     match &footage.ending {
-        Ending::Whole => Outcome::Good,
+        Ending::Whole => outcome,
         Ending::CutOff { at, why } => {
             tracing::warn!(
                 "{} is truncated at byte {at}: {why}. All that stands before was processed",

@@ -33,6 +33,9 @@ pub(super) struct Report {
     /// Triggers a second in the recording.
     pub(super) rate_hz: Option<f64>,
     pub(super) cameras: Vec<String>,
+    /// Frames missing in triggers between the first and the last, in whose midst recording may have begun and ended.
+    #[serde(skip)]
+    pub(super) missing_inside: u64,
     /// Whether the recording was whole.
     pub(super) whole: bool,
 }
@@ -54,6 +57,8 @@ pub(super) struct Tally {
     truth: BTreeMap<u64, RecordedTruth>,
     judge: Judge,
     latencies: Latencies,
+    /// Frames missing in the trigger seen last, but for the first trigger.
+    missing_here: u64,
     /// The first and the last trigger that has a truth.
     judged: Option<(u64, u64)>,
 }
@@ -70,22 +75,28 @@ impl Tally {
                 frames: Frames::default(),
                 rate_hz: interval_ns.map(|ns| 1e9 / ns as f64),
                 cameras: rig.cameras.iter().map(|c| c.name.to_string()).collect(),
+                missing_inside: 0,
                 whole: footage.ending == netcord_capture::recording::Ending::Whole,
             },
             rig: rig.clone(),
             truth: footage.truth.iter().map(|truth| (truth.t_ns, truth.clone())).collect(),
             judge: Judge::default(),
             latencies: Latencies::default(),
+            missing_here: 0,
             judged: None,
         }
     }
 
     pub(super) fn see(&mut self, exposure: &Exposure, results: &Results) {
         let report = &mut self.report;
-        report.triggers_processed += 1;
         let there = exposure.frames.iter().flatten().count() as u64;
+        let missing = exposure.frames.len() as u64 - there;
+        let is_first = report.triggers_processed == 0;
+        report.missing_inside +=
+            std::mem::replace(&mut self.missing_here, if is_first { 0 } else { missing });
+        report.triggers_processed += 1;
         report.frames.published += there;
-        report.frames.lost += exposure.frames.len() as u64 - there;
+        report.frames.lost += missing;
         if results.verdict == Verdict::Unsynchronised {
             report.frames.unsynchronised += there;
         }
