@@ -51,7 +51,7 @@ struct ImportArgs {
     /// YAML, or JSON {"cameras": [{"name", "width", "height", "K", "D", "R", "t"}]}, camera from table.
     file: PathBuf,
 
-    /// The rig file to write. One that is there is kept as <RIG>.bak.
+    /// The rig file to write. One that is there is kept as <RIG>.bak, .bak2, ….
     #[arg(long, value_name = "RIG.toml")]
     out: PathBuf,
 

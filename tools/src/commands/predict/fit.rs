@@ -140,8 +140,10 @@ pub fn run(
         }
         edit.set_flight("gravity_m_s2", c.gravity_m_s2, "");
         edit.clone().with_nominal_calibration().resolve()?;
-        edit.save()?;
-        println!("# written to {}; the old one is kept beside it as .bak", path.display());
+        let kept = edit
+            .save()?
+            .map_or_else(String::new, |old| format!("; the old one is kept as {}", old.display()));
+        println!("# written to {}{kept}", path.display());
     }
     Ok(Outcome::Good)
 }

@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, num_args = 1.., value_name = "FLIGHTS", conflicts_with = "evaluate")]
     fit: Vec<PathBuf>,
 
-    /// Writes what --fit found into the [flight] table of this rig file; the old file is kept as RIG.toml.bak.
+    /// Writes what --fit found into the [flight] table of this rig file; the old file is kept beside it.
     /// The fit starts from the constants of --rig, or else of this file. Refused where the flights that were held
     /// out are predicted worse with them.
     #[arg(long, value_name = "RIG.toml", requires = "fit")]

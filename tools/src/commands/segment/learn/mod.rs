@@ -145,12 +145,9 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
         )
         .into());
     }
-    edit.save()?;
-    println!(
-        "{}: written{}",
-        rig.display(),
-        if begun { "" } else { "; the old one is kept beside it, as .bak" }
-    );
+    let kept =
+        edit.save()?.map_or_else(String::new, |old| format!("; the old one is kept as {}", old.display()));
+    println!("{}: written{kept}", rig.display());
     if begun {
         tracing::warn!(
             "the lens of the new rig file {} is a nominal one: enough to find the ball's image, not for positions",
