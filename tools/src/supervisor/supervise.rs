@@ -439,7 +439,7 @@ mod tests {
 
     #[test]
     fn one_that_has_to_write_to_the_end_is_waited_for_as_long_as_it_writes() {
-        let slow = "trap 'for i in 1 2 3 4 5 6 7 8; do echo part; sleep 0.4; done; exit 0' TERM; echo up >&2; \
+        let slow = "trap 'for i in 1 2 3 4 5 6 7 8; do echo part >/dev/null; sleep 0.4; done; exit 0' TERM; echo up >&2; \
                     while :; do sleep 0.01; done";
         for (finishes_writing, how_it_ends) in [(true, "ended"), (false, "killed")] {
             let mut launch = shell("writer", slow, Restart::Never);
