@@ -3,7 +3,10 @@
 use std::{
     fs::{self, File, Permissions},
     io::{self, Write as _},
-    os::unix::fs::{MetadataExt as _, PermissionsExt as _},
+    os::{
+        fd::{AsFd as _, BorrowedFd},
+        unix::fs::{MetadataExt as _, PermissionsExt as _},
+    },
     path::{Path, PathBuf},
 };
 
@@ -21,7 +24,7 @@ pub enum OutputError {
     #[error("{0} is given for two outputs; each needs a name of its own")]
     Twice(PathBuf),
     /// It would be replaced.
-    #[error("{0} is there already; give another name, or --overwrite")]
+    #[error("{0} is there already; give another name (record, recover and import also take --overwrite)")]
     Exists(PathBuf),
     /// It is a folder.
     #[error("{0} is a folder; give the name of a file")]
@@ -85,7 +88,7 @@ impl Plan {
             return Err(OutputError::IsFolder(path.to_owned()));
         }
         if is_stream(path) {
-            let file = File::options().append(true).open(path).map_err(failed)?;
+            let file = open_stream(path).map_err(failed)?;
             return Ok(Output { path: path.to_owned(), target: Target::Stream(file) });
         }
         let folder = folder_of(path);
@@ -217,6 +220,16 @@ fn is_stream(path: &Path) -> bool {
     let kept_by_the_system =
         path.starts_with("/proc") || path.starts_with("/dev") && !path.starts_with("/dev/shm");
     kept_by_the_system || fs::metadata(path).is_ok_and(|there| !there.is_file() && !there.is_dir())
+}
+
+/// What this process prints to is not opened anew: where it is a file, both would begin at their own place in it.
+fn open_stream(path: &Path) -> io::Result<File> {
+    let own = |descriptor: BorrowedFd<'_>| descriptor.try_clone_to_owned().map(File::from);
+    match path.to_str() {
+        Some("/dev/stdout") => own(io::stdout().as_fd()),
+        Some("/dev/stderr") => own(io::stderr().as_fd()),
+        _ => File::options().append(true).open(path),
+    }
 }
 
 #[cfg(test)]

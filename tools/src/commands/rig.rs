@@ -264,7 +264,7 @@ mod tests {
         assert_eq!(doubts(&rig), Vec::<String>::new());
         rig.cameras[0].exposure_ns = 20_000_000;
         rig.cameras[1].model.width += 1;
-        rig.cameras[1].camera_from_world = rig.cameras[0].camera_from_world.clone();
+        rig.cameras[1].camera_from_world = rig.cameras[0].camera_from_world;
         let told = doubts(&rig);
         for (said, part) in told.iter().zip(["20000 µs does not fit", "Bayer mosaic", "at one place"]) {
             assert!(said.contains(part), "{said}");
