@@ -152,11 +152,11 @@ impl Deployment {
     pub fn stop(mut self) -> Option<String> {
         self.end();
         let words = &self.words;
-        let of_recorder = words
-            .last_lines
-            .iter()
-            .map(|line| line.trim())
-            .filter(|line| ["record: ", "record| netcord: "].iter().any(|begin| line.starts_with(begin)));
+        let of_recorder = words.last_lines.iter().map(|line| line.trim()).filter(|line| {
+            ["record: ended", "record: was ended", "record: killed", "record| netcord: "]
+                .iter()
+                .any(|begin| line.starts_with(begin))
+        });
         words.ended_badly.then(|| of_recorder.collect::<Vec<_>>().join("; "))
     }
 
