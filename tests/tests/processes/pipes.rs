@@ -42,7 +42,7 @@ fn commands_whose_output_nobody_reads_do_their_work_and_end_quietly() {
     fs::write(&flight, format!("Timestamp,X,Y,Z\n{rows}")).expect("written");
     let flight = flight.display().to_string();
     let (points, solved) = (lab.path("points.csv").display().to_string(), lab.path("solved"));
-    fs::write(&points, "id,camera,x_px,y_px\n1,left,900,500\n1,right,1000,500\n").expect("written");
+    fs::write(&points, "id,camera,x_px,y_px\n1,left,900,500\n1,right,1060,500\n").expect("written");
     let out = solved.display().to_string();
     for arguments in [
         vec!["rig", "show", &rig],
