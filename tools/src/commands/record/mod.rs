@@ -63,6 +63,7 @@ pub fn run(args: &Args) -> CommandResult {
         let truth_domain = truth_domain(stage.bus.domain())?;
         let wanted = args.truth || !DomainRemains::of(&truth_domain).inhabitants()?.is_empty();
         let truth = wanted.then(|| Bus::join(&truth_domain, "record")).transpose()?;
+        // The stage has just read it; should it be gone since, the recording is whole without.
         let rig_text = fs::read_to_string(&args.rig.rig).unwrap_or_default();
         let store = Store::begin(&args.out, &stage.rig, &rig_text, !args.no_images, wanted)?;
         let mut gather = Gather::attach(stage, truth.as_ref(), !args.no_images)?;

@@ -48,9 +48,6 @@ pub struct Args {
     preview_width: u32,
 }
 
-/// Stages come first.
-const NICENESS: i32 = 10;
-
 /// Runs `netcord view`.
 pub fn run(args: &Args) -> CommandResult {
     if !(args.preview_rate.is_finite() && args.preview_rate > 0.0) {
@@ -61,7 +58,7 @@ pub fn run(args: &Args) -> CommandResult {
     let options = PreviewOptions { rate_hz: args.preview_rate, width: args.preview_width.max(16) };
     stage::run("view", &rig_args, |stage| {
         // Before the server starts its threads, so that they inherit it.
-        if let Err(e) = realtime::step_back(NICENESS) {
+        if let Err(e) = realtime::give_way() {
             tracing::debug!("viewing runs at ordinary priority: {e}");
         }
         let server = WebSocketServer::new()
