@@ -241,6 +241,11 @@ impl ColourModel {
             .fold(0.0, f32::max)
     }
 
+    /// Forgets what balls have shown.
+    pub fn unlearn(&mut self) {
+        self.learnt = None;
+    }
+
     /// Takes note of a ball that was certain by its shape.
     pub fn learn(&mut self, rgb: [f32; 3]) {
         let place = place(rgb);

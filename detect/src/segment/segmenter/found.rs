@@ -1,4 +1,4 @@
-use netcord_common::wire::Detection;
+use netcord_common::wire::{Detection, SearchWindow};
 
 use super::super::measure::Measured;
 
@@ -21,6 +21,13 @@ impl Found {
     pub fn covers(&self, [u, v]: [f64; 2]) -> bool {
         let Detection { x0_px, y0_px, x1_px, y1_px, .. } = self.item;
         (x0_px..=x1_px).contains(&u) && (y0_px..=y1_px).contains(&v)
+    }
+
+    /// Whether it is where a search window expects the ball, and as large.
+    pub fn is_expected(&self, window: &SearchWindow) -> bool {
+        let [u, v] = self.place();
+        (u - window.u_px).hypot(v - window.v_px) < 0.5 * window.diameter_px
+            && self.item.diameter_px < 1.5 * window.diameter_px
     }
 
     /// Whether both are one thing.

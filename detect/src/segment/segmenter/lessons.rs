@@ -36,7 +36,7 @@ impl Segmenter {
                 self.kept.push(area);
             }
         }
-        if let Some(ball) = window.and_then(|window| self.surely_followed(window)) {
+        if let Some(ball) = self.example(window) {
             self.colour.learn(ball.measured.verdict.levels);
             // Lamps hang here and there: a running mean over about ten balls.
             self.towards_light = (self.towards_light * 0.9 + ball.measured.light * 0.1).normalize();
@@ -44,17 +44,28 @@ impl Segmenter {
         self.background.learn(view, &self.kept);
     }
 
-    /// The ball whose flight other cameras have seen, too, where it shows by itself what balls look like here. One
-    /// camera alone takes a sleeve for a ball now and then, and would look for sleeves ever after.
-    pub(super) fn surely_followed(&self, window: &SearchWindow) -> Option<Found> {
-        let best = self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))?;
-        let Detection { u_px, v_px, diameter_px, score, .. } = best.item;
-        let off_px = (u_px - window.u_px).hypot(v_px - window.v_px);
+    /// The ball that shows what balls look like here. One camera alone takes a sleeve for a ball now and then, and
+    /// would look for sleeves ever after: what it has learnt counts until a ball is found where its flight, which
+    /// other cameras have seen, too, was expected; from then on only such balls teach.
+    fn example(&mut self, window: Option<&SearchWindow>) -> Option<Found> {
+        let best = *self.found.iter().max_by(|a, b| a.item.score.total_cmp(&b.item.score))?;
         let verdict = &best.measured.verdict;
-        let expected = off_px < 0.5 * window.diameter_px && diameter_px < 1.5 * window.diameter_px;
-        let clear = score > SURE && best.likeness > 0.25 && verdict.misfit < 0.15 && verdict.clutter < 0.2;
-        let moves = self.rest.frames_at([u_px, v_px], diameter_px) <= 1;
-        (expected && clear && moves).then_some(*best)
+        let clear = best.item.score > SURE
+            && best.likeness > 0.25
+            && verdict.misfit < 0.15
+            && verdict.clutter < 0.2
+            && self.background.is_known()
+            && self.rest.frames_at(best.place(), best.item.diameter_px) <= 1;
+        let followed = window.is_some_and(|window| best.is_expected(window));
+        if !clear || self.has_followed && !followed {
+            return None;
+        }
+        if followed && !self.has_followed {
+            self.has_followed = true;
+            self.colour.unlearn();
+            self.towards_light = self.up;
+        }
+        Some(best)
     }
 
     pub(super) fn pixel_box(&self, item: &Detection, view: &FrameView<'_>) -> PixelBox {

@@ -45,8 +45,12 @@ pub struct Segmenter {
     name: String,
     index: u32,
     camera: CameraModel,
+    /// The vertical, in the camera's frame.
+    up: Vector3<f64>,
     /// Direction of the main light, in the camera's frame: at first the vertical, then as balls show it.
     towards_light: Vector3<f64>,
+    /// Whether a ball has been found where its flight was expected.
+    has_followed: bool,
     format: PixelFormat,
     options: SegmentOptions,
     grid: Grid,
@@ -95,6 +99,7 @@ impl Segmenter {
             // A camera is seldom on its head.
             WorldFrame::FirstCamera => -Vector3::y(),
         };
+        let up = camera.camera_from_world.rotation * up;
         let told = options.colour.unwrap_or(rig.ball.colour);
         // What an option tells goes before what was learnt.
         let marked = camera.ball.as_ref().filter(|_| options.colour.is_none());
@@ -107,7 +112,9 @@ impl Segmenter {
             name: camera.name.to_string(),
             index: camera.index.code(),
             camera: camera.model,
-            towards_light: camera.camera_from_world.rotation * up,
+            up,
+            towards_light: up,
+            has_followed: false,
             format: camera.pixel_format,
             options,
             grid,
