@@ -48,6 +48,9 @@ pub struct Args {
     preview_width: u32,
 }
 
+/// Stages come first.
+const NICENESS: i32 = 10;
+
 /// Runs `netcord view`.
 pub fn run(args: &Args) -> CommandResult {
     if !(args.preview_rate.is_finite() && args.preview_rate > 0.0) {
@@ -58,7 +61,7 @@ pub fn run(args: &Args) -> CommandResult {
     let options = PreviewOptions { rate_hz: args.preview_rate, width: args.preview_width.max(16) };
     stage::run("view", &rig_args, |stage| {
         // Before the server starts its threads, so that they inherit it.
-        if let Err(e) = realtime::give_way() {
+        if let Err(e) = realtime::step_back(NICENESS) {
             tracing::debug!("viewing runs at ordinary priority: {e}");
         }
         let server = WebSocketServer::new()
