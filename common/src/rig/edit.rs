@@ -2,6 +2,7 @@ use std::{
     collections::BTreeMap,
     fs,
     io::Write as _,
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -49,11 +50,11 @@ impl RigEdit {
         })?;
         let wrong = |at: usize, what: &str| RigError::at(path, &text, at, what);
         // Spans are lost when a document is made changeable.
-        let parsed = toml_edit::Document::parse(&*text)
-            .map_err(|e| wrong(e.span().unwrap_or_default().start, e.message().trim()))?;
+        let parsed =
+            toml_edit::Document::parse(&*text).map_err(|e| wrong(start_of(e.span()), e.message().trim()))?;
         let misplaced = |key: &str, fits: fn(&Item) -> bool| {
             let item = parsed.get(key).filter(|item| !fits(item))?;
-            Some(item.span().unwrap_or_default().start)
+            Some(start_of(item.span()))
         };
         if let Some(at) = misplaced("camera", Item::is_array_of_tables) {
             return Err(wrong(
@@ -376,6 +377,11 @@ fn pose_table(
         table["calibrated"] = note_item(note);
     }
     table
+}
+
+/// Where a span of the file begins. What has none is of the file as a whole, for which its first line stands.
+fn start_of(span: Option<Range<usize>>) -> usize {
+    span.map_or(0, |span| span.start)
 }
 
 #[cfg(test)]

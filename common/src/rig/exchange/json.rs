@@ -1,5 +1,5 @@
-//! `{"cameras": [{"name", "width", "height", "K": [9], "D": [5], "R": [9], "t": [3]}]}`, camera from table. Matrices may be
-//! lists of their rows, as numpy writes them.
+//! `{"cameras": [{"name", "width", "height", "K": [9], "D": [5], "R": [9], "t": [3]}]}`, camera from table.
+//! Matrices may be lists of their rows, as numpy writes them.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
