@@ -344,3 +344,84 @@ fn two_limbs_that_happen_to_lie_on_one_epipolar_line_are_no_ball() {
         assert!(!process(&mut triangulator, &messages).is_present(), "trigger {trigger}");
     }
 }
+
+#[test]
+fn views_that_may_be_anywhere_do_not_agree_by_chance() {
+    let mut random = Pcg64::seed_from_u64(11);
+    let (rig, plain) = example(2);
+    let place = Vector3::new(0.3, 0.5, 0.5);
+    let mut found = |variance: f64| {
+        let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+        let messages: Vec<_> = (0..2)
+            .map(|i| {
+                let mut seen = Detection { score: 0.6, ..detection(&plain[i], &place, 0.1, &mut random) };
+                seen.covariance_px2 = [variance, 0.0, variance];
+                message(i, 1, Scope::Full, &[seen])
+            })
+            .collect();
+        process(&mut triangulator, &messages).is_present()
+    };
+    assert!(found(0.01) && found(0.5));
+    assert!(!found(100.0), "they lie anywhere within twenty pixels, and look little like a ball");
+}
+
+#[test]
+fn paths_of_two_things_are_not_those_of_a_ball() {
+    const EXPOSURE_S: f64 = 0.004;
+    let mut random = Pcg64::seed_from_u64(12);
+    let (rig, plain) = example(2);
+    let place = Vector3::new(0.3, 0.5, 0.5);
+    let mut found = |velocities: [Vector3<f64>; 2]| {
+        let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+        let messages: Vec<_> = (0..2)
+            .map(|i| {
+                let half = velocities[i] * (0.5 * EXPOSURE_S);
+                let path = plain[i].pixel(&(place + half)) - plain[i].pixel(&(place - half));
+                let mut seen = Detection { score: 0.75, ..detection(&plain[i], &place, 0.3, &mut random) };
+                (seen.blur_u_px, seen.blur_v_px) = (path.x, path.y);
+                seen.flags |= DetectionFlags::BLUR_MEASURED;
+                // Off the axis it matters which way the width is taken.
+                seen.diameter_px = 0.0;
+                let mut message = message(i, 1, Scope::Full, &[seen]);
+                message.exposure_ns = (EXPOSURE_S * 1e9) as u64;
+                message
+            })
+            .collect();
+        process(&mut triangulator, &messages).is_present()
+    };
+    let (up, on) = (Vector3::new(0.0, 0.0, 15.0), Vector3::new(3.0, 12.0, 1.0));
+    assert!(found([on, on]) && found([up, up]));
+    assert!(!found([on, up]) && !found([up, on]), "a hand that goes up, and an arm that swings");
+}
+
+#[test]
+fn a_ball_that_bounces_beside_one_that_rolls_is_not_taken_for_it() {
+    let mut random = Pcg64::seed_from_u64(13);
+    let (rig, plain) = example(2);
+    let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+    let mut found = 0;
+    for i in 0..60_u32 {
+        let t = f64::from(i).mul_add(0.01, -0.35);
+        let rolls = Vector3::new(0.05 + 0.2 * t, -0.45, 0.020);
+        let ball = Vector3::new(0.1, -0.5 + 4.0 * t, 0.02 + 3.0 * t.abs());
+        // For some frames their images are one, of which the segmenter sees the one that rolls.
+        let hidden = (36..=38).contains(&i);
+        let messages: Vec<_> = (0..2)
+            .map(|c| {
+                let mut items = vec![detection(&plain[c], &rolls, 0.2, &mut random)];
+                if !hidden {
+                    items.push(detection(&plain[c], &ball, 0.2, &mut random));
+                }
+                message(c, 1 + u64::from(i), Scope::Full, &items)
+            })
+            .collect();
+        let position = process(&mut triangulator, &messages);
+        if !position.is_present() {
+            continue;
+        }
+        assert!(!hidden, "frame {i}: {:?} is what rolls", position.position_m);
+        assert!(error_m(&position, &ball) < 0.01, "frame {i}");
+        found += 1;
+    }
+    assert_eq!(found, 57, "all but the hidden ones");
+}

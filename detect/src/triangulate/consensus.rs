@@ -39,7 +39,9 @@ const MAX_ROUNDS: usize = 4;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
     pub observation: Observation,
-    /// Weight of the residual in normalised coordinates, the slack of the calibration included.
+    /// Inverse of the covariance with the slack of the calibration, 1/px²; and the same for residuals in normalised
+    /// coordinates.
+    gate_information_px: Matrix2<f64>,
     gate_information: Matrix2<f64>,
     /// Bit i: subset i contains it.
     explained: u32,
@@ -52,7 +54,17 @@ impl Candidate {
         // Cannot fail: the covariance is positive, and more so with the slack.
         let information = widened.try_inverse().unwrap_or_else(Matrix2::zeros);
         let j = observation.pixel_by_normalised;
-        Self { observation, gate_information: j.transpose() * information * j, explained: 0 }
+        Self {
+            observation,
+            gate_information_px: information,
+            gate_information: j.transpose() * information * j,
+            explained: 0,
+        }
+    }
+
+    /// Inverse of the covariance with the slack of the calibration, 1/px².
+    pub const fn gate_information_px(&self) -> &Matrix2<f64> {
+        &self.gate_information_px
     }
 
     pub fn distance2(&self, normalised: &Vector2<f64>) -> f64 {

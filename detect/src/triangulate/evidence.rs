@@ -1,12 +1,13 @@
 //! What speaks for a subset of candidates being the ball, and against it.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use netcord_common::wire::{Detection, DetectionFlags};
 
 use super::{
     PosedCamera,
-    consensus::{ABSENT, Subset},
-    memory::{Memory, Rest},
+    appearance::{Appearance, Motion, path_distance},
+    consensus::{ABSENT, Candidate, Subset},
+    memory::{Memory, Predicted, Rest},
 };
 
 /// Where a candidate came from.
@@ -16,6 +17,8 @@ pub(super) struct Source {
     pub place: u8,
     /// What the segmenter says of it.
     pub detection: Detection,
+    /// Length of its exposure, s; 0 where it is not known.
+    pub exposure_s: f64,
     /// Diameter of the ball's image here at a depth of one metre, px.
     pub ball_px_m: f64,
 }
@@ -49,10 +52,6 @@ const MISS_EVIDENCE: f64 = -2.3;
 /// rest paired with a moving one by chance is the likelier reason.
 const RESTING_VIEW_EVIDENCE: f64 = -4.0;
 
-/// Scatter of the logarithm of a measured diameter, blurred or not: measured 0.06 where the ball was expected and
-/// 0.13 elsewhere, with longer tails than a normal distribution has.
-const SIZE_SIGMA: f64 = 0.15;
-
 /// A candidate whose diameter differs from that of a ball at its depth by more than this factor is none.
 const SIZE_GATE: f64 = 3.0;
 
@@ -78,15 +77,21 @@ impl Source {
             measured < SIZE_GATE * expected && (self.is_partial() || measured * SIZE_GATE > expected)
         })
     }
+}
 
-    /// Squared distance of the measured diameter from that of a ball at `depth`, m, in standard deviations;
-    /// zero where no diameter was measured, bounded, since shadows and nets do what they like.
-    fn size_distance(&self, depth: f64) -> f64 {
-        const MOST: f64 = 9.0;
-        let sigma = if self.is_partial() { 2.0 * SIZE_SIGMA } else { SIZE_SIGMA };
-        self.diameter_px()
-            .map_or(0.0, |measured| ((measured * depth / self.ball_px_m).ln() / sigma).powi(2).min(MOST))
-    }
+/// What hypotheses are weighed by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scales<'a> {
+    pub cameras: &'a [PosedCamera],
+    pub candidates: &'a [Candidate],
+    pub sources: &'a [Source],
+    /// Bit i: camera i has looked.
+    pub delivered: u32,
+    pub radius_m: f64,
+    pub memory: &'a Memory,
+    /// Where the track goes on at `t_ns`.
+    pub predicted: Option<Predicted>,
+    pub t_ns: u64,
 }
 
 impl Hypothesis {
@@ -95,35 +100,40 @@ impl Hypothesis {
         Self { subset, evidence: 0.0, looks: 0.0, rest: Rest::Unknown }
     }
 
-    /// Weighs it by its images, and by what is remembered at `t_ns`; bit i of `delivered` says that camera i has
-    /// looked.
-    pub fn weigh(
-        &mut self,
-        cameras: &[PosedCamera],
-        sources: &[Source],
-        delivered: u32,
-        memory: &Memory,
-        t_ns: u64,
-    ) {
+    /// Weighs it by its images, and by what is remembered.
+    pub fn weigh(&mut self, scales: &Scales<'_>) {
         let point = self.subset.refined.point;
         self.looks = -0.5 * self.subset.distance2;
+        let mut precision = Precision::default();
+        let mut motion = Motion::default();
+        let mut off_track = 0.0;
         let mut resting = 0;
-        for (camera, posed) in cameras.iter().enumerate() {
+        for (camera, posed) in scales.cameras.iter().enumerate() {
             let member = self.subset.members[camera];
             if member == ABSENT {
-                if delivered & (1 << camera) != 0 && is_in_view(posed, &point) {
+                if scales.delivered & (1 << camera) != 0 && is_in_view(posed, &point) {
                     self.looks += MISS_EVIDENCE;
                 }
                 continue;
             }
-            let source = &sources[usize::from(member)];
-            let score = source.detection.score.clamp(0.0, 1.0);
+            let source = &scales.sources[usize::from(member)];
+            let candidate = &scales.candidates[usize::from(member)];
+            let detection = &source.detection;
+            let score = detection.score.clamp(0.0, 1.0);
             self.looks += VIEW_EVIDENCE + ((score + 0.02) / (1.02 - score)).ln();
-            self.looks -= 0.5 * source.size_distance(posed.in_camera(&point).z);
-            resting += usize::from(source.detection.flags & DetectionFlags::AT_REST != 0);
+            let appearance = Appearance::of(posed, &candidate.observation, &point);
+            self.looks -= 0.5 * appearance.size_distance(detection, scales.radius_m, source.is_partial());
+            precision.see(candidate, &appearance);
+            motion.see(&appearance, detection, source.exposure_s);
+            if let Some(predicted) = &scales.predicted {
+                off_track += path_distance(&appearance, detection, &predicted.velocity, source.exposure_s);
+            }
+            resting += usize::from(detection.flags & DetectionFlags::AT_REST != 0);
         }
-        self.evidence = memory.log_prior(t_ns, &point) + self.looks;
-        self.rest = memory.rest(t_ns, &point);
+        self.looks += precision.evidence() - 0.5 * motion.distance();
+        self.evidence =
+            scales.memory.log_prior(scales.t_ns, &point, scales.predicted.as_ref(), off_track) + self.looks;
+        self.rest = scales.memory.rest(scales.t_ns, &point);
         if self.rest == Rest::Unknown && resting == self.subset.views {
             self.rest = Rest::Still;
         } else if self.rest == Rest::Unknown {
@@ -135,6 +145,46 @@ impl Hypothesis {
     fn shares(&self, other: &Self, camera: usize) -> bool {
         let member = self.subset.members[camera];
         member != ABSENT && other.subset.members[camera] == member
+    }
+}
+
+/// How much it says that the views of a hypothesis agree: candidates whose places are known to a tenth of a pixel do not
+/// meet by chance; those that may be anywhere within twenty pixels do.
+///
+/// The likelihood of the observations, marginal over the point: ∏ |Sᵢ|^(−½) · |∑ Jᵢᵀ Sᵢ⁻¹ Jᵢ|^(−½), Sᵢ the covariance of
+/// view i with the calibration's slack and Jᵢ its Jacobian, against what it would be were each S that of
+/// [`USUAL_SIGMA_PX`]. Where all are k times as wide, this is −(2 n − 3) ln k for n views.
+#[derive(Debug, Clone, Copy)]
+struct Precision {
+    log_weight: f64,
+    information: Matrix3<f64>,
+    usual: Matrix3<f64>,
+}
+
+/// Standard deviation of a view, px, from which on its agreement counts less than [`VIEW_EVIDENCE`].
+const USUAL_SIGMA_PX: f64 = 1.0;
+
+impl Default for Precision {
+    fn default() -> Self {
+        Self { log_weight: 0.0, information: Matrix3::zeros(), usual: Matrix3::zeros() }
+    }
+}
+
+impl Precision {
+    fn see(&mut self, candidate: &Candidate, appearance: &Appearance) {
+        const USUAL: f64 = 1.0 / (USUAL_SIGMA_PX * USUAL_SIGMA_PX);
+        let information = candidate.gate_information_px();
+        let j = appearance.by_world();
+        self.log_weight += 0.5 * (information.determinant() / (USUAL * USUAL)).ln();
+        self.information += j.tr_mul(&(information * j));
+        self.usual += j.tr_mul(j) * USUAL;
+    }
+
+    /// At most 0: what fits better than usual needs no more than other evidence.
+    fn evidence(&self) -> f64 {
+        let volumes = 0.5 * (self.information.determinant() / self.usual.determinant()).ln();
+        let evidence = self.log_weight - volumes;
+        if evidence.is_finite() { evidence.min(0.0) } else { 0.0 }
     }
 }
 

@@ -56,6 +56,18 @@ const FLYING_SPAN_M: f64 = 0.025;
 /// A flying ball comes to the table within this distance of where it was predicted, m.
 const ARRIVES_M: f64 = 0.12;
 
+/// Most things that lie or roll that are followed.
+const ROLLERS: usize = 8;
+
+/// Faster than balls roll about on a table, m/s.
+const ROLLING_M_S: f64 = 0.8;
+
+/// Sightings after which something that lies or rolls is known.
+const KNOWN_ROLLER: u32 = 3;
+
+/// Something that rolls and was not seen for this long may be anywhere: it goes behind the net, or the ball.
+const ROLLER_MEMORY_NS: u64 = 250_000_000;
+
 #[derive(Debug, Clone, Copy, Default)]
 struct Spot {
     anchor: Vector3<f64>,
@@ -64,6 +76,24 @@ struct Spot {
     sightings: u32,
     /// It was seen while a ball was in flight elsewhere: it is not the ball.
     beside_ball: bool,
+}
+
+/// Something at the height of a ball that lies or rolls.
+#[derive(Debug, Clone, Copy, Default)]
+struct Roller {
+    place: Vector3<f64>,
+    last_ns: u64,
+    sightings: u32,
+}
+
+impl Roller {
+    /// Whether it may have come to `point` by `t_ns`.
+    fn reaches(&self, t_ns: u64, point: &Vector3<f64>) -> bool {
+        let Some(age) = age_ns(t_ns, self.last_ns).filter(|age| *age <= ROLLER_MEMORY_NS) else {
+            return false;
+        };
+        self.sightings > 0 && (self.place - point).norm() <= SPOT_RADIUS_M + ROLLING_M_S * age as f64 * 1e-9
+    }
 }
 
 impl Spot {
@@ -78,7 +108,17 @@ pub(super) struct Memory {
     recent: [(u64, Vector3<f64>); RECENT],
     count: usize,
     spots: [Spot; SPOTS],
+    rollers: [Roller; ROLLERS],
     gravity: Vector3<f64>,
+}
+
+/// Where the track goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Predicted {
+    /// Where, m.
+    pub place: Vector3<f64>,
+    /// How fast, m/s.
+    pub velocity: Vector3<f64>,
 }
 
 /// What is known of a point that does not move.
@@ -100,6 +140,7 @@ impl Memory {
             recent: [(0, Vector3::zeros()); RECENT],
             count: 0,
             spots: [Spot::default(); SPOTS],
+            rollers: [Roller::default(); ROLLERS],
             gravity: Vector3::new(0.0, 0.0, g),
         }
     }
@@ -109,8 +150,16 @@ impl Memory {
     }
 
     /// Logarithm of how much likelier the ball is at `point` at `t_ns` than anywhere in a hall; 0 where
-    /// nothing is known.
-    pub fn log_prior(&self, t_ns: u64, point: &Vector3<f64>) -> f64 {
+    /// nothing is known. `predicted`: what [`Self::predict`] says; `off_track`: squared distance of the paths that the
+    /// ball left during the exposure from those of the predicted velocity, in standard deviations: what flies on has
+    /// both place and velocity.
+    pub fn log_prior(
+        &self,
+        t_ns: u64,
+        point: &Vector3<f64>,
+        predicted: Option<&Predicted>,
+        off_track: f64,
+    ) -> f64 {
         /// Volume in which a ball could be, m³.
         const HALL_M3: f64 = 100.0;
         /// Chance that the ball has been hit since, and flies on in any direction.
@@ -124,16 +173,17 @@ impl Memory {
         let dt = age_ns as f64 * 1e-9;
         let mut density = WRONG / HALL_M3;
         density += HIT * gaussian((point - last).norm_squared(), 0.05 + 0.4 * TOP_SPEED_M_S * dt);
-        if let Some(predicted) = self.predict(t_ns) {
+        if let Some(predicted) = predicted {
             // Grows with the square of time: what is not modelled is an acceleration.
             let sigma = PREDICTION_SIGMA_M * (1.0 + (dt / 0.02).powi(2));
-            density += (1.0 - HIT - WRONG) * gaussian((point - predicted).norm_squared(), sigma);
+            let flies_on = gaussian((point - predicted.place).norm_squared(), sigma);
+            density += (1.0 - HIT - WRONG) * flies_on * (-0.5 * off_track).exp();
         }
         (density * HALL_M3).ln()
     }
 
     /// Where the ball should be at `t_ns`, at constant velocity under gravity.
-    pub fn predict(&self, t_ns: u64) -> Option<Vector3<f64>> {
+    pub fn predict(&self, t_ns: u64) -> Option<Predicted> {
         let (last_ns, last) = self.recent().last()?;
         let age_ns = age_ns(t_ns, *last_ns).filter(|age| *age <= TRACK_MEMORY_NS)?;
         // Least squares for p and v at the last instant, of p + v t + g t²/2.
@@ -155,7 +205,10 @@ impl Memory {
         let velocity = (stp * n - sp * st) / determinant;
         let start = (sp - velocity * st) / n + last;
         let t = age_ns as f64 * 1e-9;
-        Some(start + velocity * t + self.gravity * (0.5 * t * t))
+        Some(Predicted {
+            place: start + velocity * t + self.gravity * (0.5 * t * t),
+            velocity: velocity + self.gravity * t,
+        })
     }
 
     /// Whether the track has moved far enough to be a ball in play.
@@ -194,18 +247,47 @@ impl Memory {
     }
 
     /// Whether a point is at the height of a ball that lies or rolls on the table or the floor, and no flight
-    /// has brought it there: a ball in play touches the table only where its path comes down.
+    /// has brought it there: a ball in play touches the table only where its path comes down, and not where something
+    /// is known to lie or roll.
     fn lies_or_rolls(&self, t_ns: u64, point: &Vector3<f64>) -> bool {
+        if !self.is_low(point) {
+            return false;
+        }
+        let known = |roller: &Roller| roller.sightings >= KNOWN_ROLLER && roller.reaches(t_ns, point);
+        !self.arrives(t_ns, point) || self.rollers.iter().any(known)
+    }
+
+    /// Whether a point is at the height of a ball that lies on the table or the floor.
+    fn is_low(&self, point: &Vector3<f64>) -> bool {
         let on_table = (point.z - BALL_ON_TABLE_M).abs() < LEVEL_M
             && point.x.abs() < TABLE_HALF_M[0]
             && point.y.abs() < TABLE_HALF_M[1];
-        if self.gravity.z == 0.0 || !(on_table || point.z < NEAR_FLOOR_M) {
-            return false;
-        }
+        self.gravity.z != 0.0 && (on_table || point.z < NEAR_FLOOR_M)
+    }
+
+    /// Whether a flight comes to a point.
+    fn arrives(&self, t_ns: u64, point: &Vector3<f64>) -> bool {
         let heights = self.recent().iter().map(|(_, p)| p.z);
         let span = heights.clone().fold(f64::MIN, f64::max) - heights.fold(f64::MAX, f64::min);
-        let arrives = self.predict(t_ns).is_some_and(|p| (p - point).norm() < ARRIVES_M);
-        !(span > FLYING_SPAN_M && arrives)
+        let near = self.predict(t_ns).is_some_and(|p| (p.place - point).norm() < ARRIVES_M);
+        span > FLYING_SPAN_M && near
+    }
+
+    /// Follows what lies or rolls.
+    fn sight_roller(&mut self, t_ns: u64, point: &Vector3<f64>) {
+        if !self.lies_or_rolls(t_ns, point) {
+            return;
+        }
+        if let Some(i) = self.rollers.iter().position(|roller| roller.reaches(t_ns, point)) {
+            let roller = &mut self.rollers[i];
+            roller.sightings += u32::from(roller.last_ns != t_ns);
+            (roller.place, roller.last_ns) = (*point, t_ns);
+            return;
+        }
+        let age = |roller: &Roller| age_ns(t_ns, roller.last_ns).unwrap_or(u64::MAX);
+        if let Some(oldest) = self.rollers.iter_mut().max_by_key(|roller| age(roller)) {
+            *oldest = Roller { place: *point, last_ns: t_ns, sightings: 1 };
+        }
     }
 
     fn spot(&self, t_ns: u64, point: &Vector3<f64>) -> Option<usize> {
@@ -218,6 +300,7 @@ impl Memory {
 
     /// Takes note of any point that cameras agree on; `chosen`: it was reported as the ball.
     pub fn sight(&mut self, t_ns: u64, point: &Vector3<f64>, chosen: bool) {
+        self.sight_roller(t_ns, point);
         let beside = !chosen && self.is_moving();
         if let Some(i) = self.spot(t_ns, point) {
             let spot = &mut self.spots[i];
@@ -262,6 +345,10 @@ mod tests {
         Vector3::new(0.1 + 2.0 * t, -1.0 + 6.0 * t, 0.3 + 2.0 * t - 0.5 * GRAVITY_M_S2 * t * t)
     }
 
+    fn log_prior(memory: &Memory, t_ns: u64, point: &Vector3<f64>) -> f64 {
+        memory.log_prior(t_ns, point, memory.predict(t_ns).as_ref(), 0.0)
+    }
+
     #[test]
     fn a_thrown_ball_is_predicted_and_favoured() {
         let mut memory = Memory::new(true);
@@ -269,18 +356,18 @@ mod tests {
             memory.follow(i * FRAME_NS, thrown(i * FRAME_NS));
         }
         let next = 6 * FRAME_NS;
-        assert!((memory.predict(next).expect("six positions") - thrown(next)).norm() < 1e-9);
+        assert!((memory.predict(next).expect("six positions").place - thrown(next)).norm() < 1e-9);
         assert!(memory.is_moving());
-        let near = memory.log_prior(next, &thrown(next));
-        let hit = memory.log_prior(next, &(thrown(next) + Vector3::new(0.1, 0.1, 0.1)));
-        let far = memory.log_prior(next, &(thrown(next) + Vector3::new(2.0, 0.0, 0.0)));
+        let near = log_prior(&memory, next, &thrown(next));
+        let hit = log_prior(&memory, next, &(thrown(next) + Vector3::new(0.1, 0.1, 0.1)));
+        let far = log_prior(&memory, next, &(thrown(next) + Vector3::new(2.0, 0.0, 0.0)));
         assert!(near > 8.0 && near > hit && hit > 0.0 && far < -2.0, "{near} {hit} {far}");
-        assert_eq!(memory.log_prior(next + 300_000_000, &thrown(0)), 0.0);
+        assert_eq!(log_prior(&memory, next + 300_000_000, &thrown(0)), 0.0);
         memory.follow(next, thrown(next));
         assert!(memory.predict(next - 1_000_000).is_some(), "another camera's exposure of the same trigger");
-        assert_eq!((memory.log_prior(0, &thrown(0)), memory.predict(0)), (0.0, None), "back in time");
+        assert_eq!((log_prior(&memory, 0, &thrown(0)), memory.predict(0)), (0.0, None), "back in time");
         memory.follow(0, thrown(0));
-        assert!(memory.log_prior(FRAME_NS, &thrown(FRAME_NS)) > 0.0, "a new track from there");
+        assert!(log_prior(&memory, FRAME_NS, &thrown(FRAME_NS)) > 0.0, "a new track from there");
     }
 
     #[test]

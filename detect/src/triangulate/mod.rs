@@ -9,11 +9,13 @@
 //!
 //! How a position is chosen: candidates of different cameras that agree on a point, within their
 //! covariances and the slack of the calibration, form a subset. Among the subsets, one that moves goes
-//! before one at rest; then the one with most evidence is taken, where each view that agrees counts most,
-//! then the scores of the candidates, their sizes against the depth, and the track's prediction. Where the
-//! search windows of all cameras hold a ball and agree, the position is given without waiting for the rest
-//! of the frame.
+//! before one at rest; then the one with most evidence is taken, where each view that agrees counts most, less
+//! where its place is uncertain; then the scores of the candidates, their sizes against those of a ball there,
+//! whether their paths during the exposure are those of one motion, and the track's prediction of place and
+//! velocity. Where the search windows of all cameras hold a ball and agree, the position is given without waiting
+//! for the rest of the frame.
 
+mod appearance;
 #[cfg(test)]
 mod association_tests;
 mod camera;

@@ -10,7 +10,7 @@ use netcord_common::{
 use super::{
     Estimate, Method, Observation, PosedCamera, RigWatch, TriangulateOptions,
     consensus::{Candidate, MAX_SUBSETS, Obstacles, observations_of, search},
-    evidence::{Hypothesis, LEAST_EVIDENCE, Source, best, explain_away},
+    evidence::{Hypothesis, LEAST_EVIDENCE, Scales, Source, best, explain_away},
     memory::{Memory, Rest},
     methods::{method, reason, refine},
     variance::UnitVariance,
@@ -221,6 +221,7 @@ impl Triangulator {
                         // At most 16 places.
                         place: place as u8,
                         detection: *detection,
+                        exposure_s: message.exposure_ns as f64 * 1e-9,
                         ball_px_m: px * 2.0 * self.radius_m,
                     });
                 }
@@ -228,7 +229,7 @@ impl Triangulator {
         }
         let delivered = detections.iter().fold(0, |bits, d| bits | (bit(d) & used));
         let t_ns = detections.iter().map(|d| d.stamps.mid_exposure_ns).min().unwrap_or(0);
-        let Self { cameras, candidates, sources, hypotheses, memory, .. } = self;
+        let Self { cameras, candidates, sources, hypotheses, memory, radius_m, .. } = self;
         if candidates.is_empty() {
             return Obstacles::default();
         }
@@ -236,9 +237,17 @@ impl Triangulator {
         let obstacles = search(cameras, candidates, fits, |subset| {
             hypotheses.push(Hypothesis::new(*subset));
         });
-        for hypothesis in hypotheses.iter_mut() {
-            hypothesis.weigh(cameras, sources, delivered, memory, t_ns);
-        }
+        let scales = Scales {
+            cameras,
+            candidates,
+            sources,
+            delivered,
+            radius_m: *radius_m,
+            memory,
+            predicted: memory.predict(t_ns),
+            t_ns,
+        };
+        hypotheses.iter_mut().for_each(|hypothesis| hypothesis.weigh(&scales));
         explain_away(hypotheses, cameras.len());
         obstacles
     }
