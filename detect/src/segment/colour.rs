@@ -232,11 +232,14 @@ impl ColourModel {
             return 1.0;
         }
         let place = place(rgb);
+        let doubt = doubt(rgb);
         self.models(light.grey)
             .map(|model| {
-                let d2 = place.iter().zip(model.mean).map(|(p, m)| (p - m).powi(2)).sum::<f32>();
+                let d2 = (0..2)
+                    .map(|i| (place[i] - model.mean[i]).powi(2) / (model.spread.powi(2) + doubt[i]))
+                    .sum::<f32>();
                 // Tails of a Cauchy: coloured light and reflections of the floor are not normal errors.
-                1.0 / (1.0 + d2 / (2.0 * model.spread).powi(2))
+                1.0 / (1.0 + 0.25 * d2)
             })
             .fold(0.0, f32::max)
     }
@@ -263,6 +266,15 @@ impl ColourModel {
 /// Detections from which on what was learnt replaces what was told.
 const CONFIDENT: u32 = 12;
 
+/// What a ball's levels are off by, DN: black levels, what the lens scatters, and what the fit takes for background.
+const LEVEL_SIGMA: f32 = 1.5;
+
+/// Variance of a place by that: the logarithm of a few levels says little. Blue of an orange ball is such.
+fn doubt(rgb: [f32; 3]) -> [f32; 2] {
+    let [red, green, blue] = rgb.map(|x| (LEVEL_SIGMA / (x.max(0.0) + 1.0)).powi(2));
+    [red + green, blue + green]
+}
+
 fn place(rgb: [f32; 3]) -> [f32; 2] {
     let [red, blue, _] = place_of(rgb);
     [red, blue]
@@ -272,4 +284,31 @@ fn place(rgb: [f32; 3]) -> [f32; 2] {
 pub fn place_of(rgb: [f32; 3]) -> [f32; 3] {
     let [r, g, b] = rgb.map(|x| (x.max(0.0) + 1.0).ln());
     [r - g, b - g, g]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn learnt(rgb: [f32; 3]) -> ColourModel {
+        let mut model = ColourModel::new(PixelFormat::BayerRG8, BallColour::Orange, None);
+        (0..CONFIDENT).for_each(|_| model.learn(rgb));
+        model
+    }
+
+    #[test]
+    fn a_level_or_two_of_nearly_no_blue_are_no_other_colour_but_a_share_of_much_is() {
+        let light = SceneLight::default();
+        let dim = learnt([60.0, 33.0, 7.0]);
+        assert!(dim.likeness(&light, [60.0, 33.0, 7.0]) > 0.99);
+        // Blue at 3 of 33: what a fit is off by.
+        assert!(dim.likeness(&light, [60.0, 33.0, 3.0]) > 0.6);
+        // The same ratios where levels are well known.
+        let bright = learnt([240.0, 132.0, 31.0]);
+        assert!(bright.likeness(&light, [240.0, 132.0, 15.0]) < 0.35);
+        // Grey and green are no orange however dim it is.
+        for other in [[33.0, 33.0, 33.0], [25.0, 42.0, 32.0], [12.0, 12.0, 12.0]] {
+            assert!(dim.likeness(&light, other) < 0.15, "{other:?}: {}", dim.likeness(&light, other));
+        }
+    }
 }

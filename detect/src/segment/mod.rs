@@ -35,6 +35,8 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 mod verdict;
+#[cfg(test)]
+mod window_tests;
 
 pub use options::{InputMode, SegmentError, SegmentOptions};
 pub use score::SCORE_THRESHOLD;

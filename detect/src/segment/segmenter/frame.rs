@@ -71,7 +71,7 @@ impl Segmenter {
         self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         if !known {
             self.search_by_colour(view, None, &Prior::default());
-        } else if !self.has_ball_in_flight() && self.crowded() {
+        } else if self.crowded() {
             self.search_by_colour(view, Some((0..view.width(), 0..height)), &Prior::default());
         }
     }

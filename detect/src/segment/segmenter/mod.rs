@@ -216,7 +216,7 @@ impl Segmenter {
                 self.light = SceneLight::of(view);
             }
         }
-        let expected = self.has_ball_in_play();
+        let expected = window.is_some_and(|window| self.has_expected(window));
         self.search_frame(view, expected);
         self.send(header, Scope::Full, emit);
         self.after(view, window);

@@ -2,7 +2,7 @@
 
 use netcord_common::{
     FrameView,
-    wire::{Detection, DetectionFlags},
+    wire::{Detection, DetectionFlags, SearchWindow},
 };
 
 use super::{
@@ -183,6 +183,11 @@ impl Segmenter {
     /// Whether one of the candidates is likely the ball in play.
     pub(super) fn has_ball_in_play(&self) -> bool {
         self.found.iter().any(|f| self.is_in_play(&f.item))
+    }
+
+    /// Whether one of the candidates surely is the ball that a window expects.
+    pub(super) fn has_expected(&self, window: &SearchWindow) -> bool {
+        self.found.iter().any(|f| f.item.score >= SURE && self.is_in_play(&f.item) && f.is_expected(window))
     }
 
     /// Whether one of the candidates surely is a ball and has come from elsewhere faster than things roll.

@@ -24,9 +24,16 @@ impl Segmenter {
         self.background.look_at_light_within(view, &columns, &rows);
         if let Some(expected) = self.expected(window) {
             for backdrop in [Backdrop::Learnt, Backdrop::Around] {
-                // Whatever happens to be there is near the prediction: only what surely is a ball counts.
+                // Where the learnt background is all that is seen there is nothing in front of it.
+                if backdrop == Backdrop::Around && !self.hides_background(view, &expected) {
+                    break;
+                }
+                // Whatever happens to be there is near the prediction: only what surely is a ball counts, and, where
+                // it is not its motion that sets it off, only one that moves as predicted.
                 let Some(found) = self.measure(view, &expected, backdrop, &prior) else { continue };
-                if found.item.score >= SCORE_THRESHOLD {
+                let moves =
+                    backdrop == Backdrop::Learnt || moves_as(&expected.sweep, &found.measured.fit.sweep);
+                if found.item.score >= SCORE_THRESHOLD && moves {
                     self.blur.learn(&found.item, window);
                     self.add(found);
                     return;
@@ -49,6 +56,25 @@ impl Segmenter {
             let place = Some((columns, rows));
             self.search_by_colour(view, place, &prior);
         }
+    }
+
+    /// Whether what is seen where a ball is expected differs from the learnt background.
+    fn hides_background(&self, view: &FrameView<'_>, expected: &Start) -> bool {
+        /// A difference of more standard deviations than this is none of noise.
+        const STRAY_SIGMAS: f32 = 4.0;
+        let noise = self.background.noise();
+        expected.inside().into_iter().any(|place| {
+            let [x, y] = place.map(|p| self.grid.searched(p));
+            let (Some(x), Some(y)) = (x, y) else { return false };
+            if x + 1 >= view.width() || y + 1 >= view.height() {
+                return false;
+            }
+            let behind = self.background.expected_cell(x, y);
+            [(0, 0), (1, 0), (0, 1), (1, 1)].into_iter().zip(behind).any(|((dx, dy), behind)| {
+                let seen = f32::from(view.row(y + dy)[x + dx]);
+                (seen - behind).abs() > STRAY_SIGMAS * noise.sigma(seen.max(behind))
+            })
+        })
     }
 
     /// The ball as it was predicted; none where its place is known to no more than its size.
@@ -79,5 +105,30 @@ impl Segmenter {
         } else {
             Prior::default()
         }
+    }
+}
+
+/// Whether a path is as long as the one that was expected, but for half the ball.
+fn moves_as(expected: &Sweep, found: &Sweep) -> bool {
+    let most = expected.radius + 0.5 * expected.length.max(found.length);
+    let [a, b] = [expected.path(), found.path()];
+    // A path does not tell its sense.
+    let apart = |sign: f32| (a[0] - sign * b[0]).hypot(a[1] - sign * b[1]);
+    apart(1.0).min(apart(-1.0)) <= most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_alike_whatever_their_sense_and_no_longer_than_expected_but_for_the_ball() {
+        let sweep = |length: f32, angle: f32| Sweep { centre: [0.0; 2], radius: 9.0, length, angle };
+        let half_turn = std::f32::consts::PI;
+        assert!(moves_as(&sweep(30.0, 0.3), &sweep(32.0, 0.4)));
+        assert!(moves_as(&sweep(30.0, 0.3), &sweep(32.0, 0.4 + half_turn)));
+        assert!(moves_as(&sweep(2.0, 0.0), &sweep(5.0, 1.5)));
+        assert!(!moves_as(&sweep(1.0, 0.0), &sweep(45.0, 0.0)));
+        assert!(!moves_as(&sweep(40.0, 0.0), &sweep(40.0, 1.5)));
     }
 }
