@@ -29,6 +29,9 @@ pub enum OutputError {
     /// It is a folder.
     #[error("{0} is a folder; give the name of a file")]
     IsFolder(PathBuf),
+    /// It ends in `..`.
+    #[error("{0} has no file name; give the name of a file")]
+    NoName(PathBuf),
     /// Its folder is missing.
     #[error("there is no folder {folder} for {path}; make it first")]
     NoFolder {
@@ -95,7 +98,7 @@ impl Plan {
         if !folder.is_dir() {
             return Err(OutputError::NoFolder { path: path.to_owned(), folder: folder.to_owned() });
         }
-        let identity = Identity::of(path).ok_or_else(|| failed(io::ErrorKind::InvalidFilename.into()))?;
+        let identity = Identity::of(path).ok_or_else(|| OutputError::NoName(path.to_owned()))?;
         if self.inputs.contains(&identity) {
             return Err(OutputError::Input(path.to_owned()));
         }
@@ -182,7 +185,7 @@ impl Output {
     }
 }
 
-/// Writes a file of a command that reads none.
+/// Writes a file. A command that reads files has compared them with it before its work ([`check`]).
 ///
 /// # Errors
 /// [`OutputError`].
@@ -190,15 +193,30 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) -> Result<(), OutputError> {
     Plan::default().begin(path)?.write(bytes)
 }
 
-/// Refuses what cannot be written, or goes to one place, where outputs are begun only after long work.
+/// Refuses outputs that cannot be written, go to one place or replace an input, where they are begun only after long
+/// work.
 ///
 /// # Errors
 /// [`OutputError`].
-pub fn check<'a>(paths: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
-    let mut plan = Plan::default();
+pub fn check<I: AsRef<Path>, O: AsRef<Path>>(
+    inputs: impl IntoIterator<Item = I>,
+    outputs: impl IntoIterator<Item = O>,
+) -> Result<(), OutputError> {
+    let mut plan = Plan::of(inputs);
     // A pipe's reader would take the closing for the end.
-    let mut files = paths.into_iter().filter(|path| !is_stream(path));
-    files.try_for_each(|path| plan.begin(path).map(drop))
+    let mut files = outputs.into_iter().filter(|path| !is_stream(path.as_ref()));
+    files.try_for_each(|path| plan.begin(path.as_ref()).map(drop))
+}
+
+/// A file beside a report: of `r.json` and `-left.png`, `r-left.png`. `None` where the report goes on to somewhere
+/// else, such as `/dev/stdout`, and nothing has a place beside it.
+///
+/// # Errors
+/// [`OutputError::NoName`].
+pub fn beside(report: &Path, ending: &str) -> Result<Option<PathBuf>, OutputError> {
+    let mut name = report.file_stem().ok_or_else(|| OutputError::NoName(report.to_owned()))?.to_owned();
+    name.push(ending);
+    Ok((!is_stream(report)).then(|| report.with_file_name(name)))
 }
 
 /// Refuses an output that would replace a file with content. Recordings cannot be made again.
@@ -270,6 +288,29 @@ mod tests {
         let nowhere = plan.begin(&folder.path().join("no/file")).expect_err("no folder").to_string();
         assert!(nowhere.contains("there is no folder"), "{nowhere}");
         assert_eq!(fs::read_to_string(&input).expect("there"), "frames");
+    }
+
+    #[test]
+    fn outputs_are_compared_with_inputs_before_they_are_begun() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [rig, report] = ["rig.toml", "report.json"].map(|name| folder.path().join(name));
+        fs::write(&rig, "cameras").expect("written");
+        check([&rig], [&report]).expect("apart");
+        check([&rig], [Path::new("/dev/null"), Path::new("/dev/null")]).expect("a device takes any number");
+        assert!(matches!(check([&rig], [&report, &rig]), Err(OutputError::Input(path)) if path == rig));
+        assert!(matches!(check([&rig], [&report, &report]), Err(OutputError::Twice(_))));
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1, "nothing is left of the check");
+    }
+
+    #[test]
+    fn what_goes_beside_a_report_is_called_after_it() {
+        let beside = |report: &str| beside(Path::new(report), "-left.png");
+        assert_eq!(beside("a/r.json").expect("a name"), Some(PathBuf::from("a/r-left.png")));
+        assert_eq!(beside("r").expect("a name"), Some(PathBuf::from("r-left.png")));
+        assert_eq!(beside("/dev/stdout").expect("a name"), None, "nothing is beside a pipe");
+        for nameless in ["absent/..", "/", ".."] {
+            assert!(matches!(beside(nameless), Err(OutputError::NoName(_))), "{nameless}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What is wrong gets an error that says what and where, and nothing else falls over.
 
-use std::{path::Path, process::Command};
+use std::{fs, path::Path, process::Command};
 
 use netcord_common::{
     Clock as _, MonotonicClock,
@@ -66,6 +66,70 @@ fn arguments_that_cannot_be_meant_are_refused_before_anything_runs() {
         assert!(ended.err.contains(said), "{arguments:?}: {}", ended.err);
     }
     assert!(!lab.path("out.mcap").exists());
+}
+
+#[test]
+fn no_output_goes_over_an_input_or_another_output() {
+    let lab = Lab::new();
+    let rig = lab.rig_file(|_| {}).display().to_string();
+    let file = |name: &str, content: &str| {
+        fs::write(lab.path(name), content).expect("written");
+        lab.path(name).display().to_string()
+    };
+    fs::create_dir(lab.path("seen")).expect("a folder");
+    let picture = file("seen/r-left.png", "what was seen");
+    let beside_it = lab.path("seen/r.json").display().to_string();
+    let corners = file("corners.json", r#"{"cameras": {"left": {"size": [100, 100], "views": {}}}}"#);
+    let [marks, track] = ["marks.csv", "track.csv"].map(|name| file(name, "rows"));
+    let new = |name: &str| lab.path(name).display().to_string();
+    let report = new("new.json");
+    let seen = format!("left={}", lab.path("seen").display());
+    let tracked = format!("left={track}");
+    let board = ["--board", "chessboard:9x6:25mm"];
+    let (read, twice) = ("is read by this command", "is given for two outputs");
+    for (arguments, said) in [
+        (vec!["calib", "mono", &seen, board[0], board[1], "--report", &picture], read),
+        (vec!["calib", "mono", &seen, board[0], board[1], "--report", &beside_it], read),
+        (vec!["calib", "mono", &seen, board[0], board[1], "--save-corners", &picture], read),
+        (vec!["calib", "mono", &seen, board[0], board[1], "--rig", &rig, "--report", &rig], read),
+        (vec!["calib", "mono", "--corners", &corners, "--report", &corners], read),
+        (
+            vec!["calib", "rig", &seen, board[0], board[1], "--save-corners", &report, "--report", &report],
+            twice,
+        ),
+        (vec!["calib", "table", &rig, "--marks", &marks, "--report", &marks], read),
+        (vec!["calib", "table", &rig, "--find", &seen, "--report", &picture], read),
+        (vec!["calib", "motion", &rig, "--track", &tracked, "--report", &track], read),
+        (vec!["calib", "check", &rig, &seen, board[0], board[1], "--report", &beside_it], read),
+        (vec!["calib", "check", &rig, "--track", &tracked, "--length", "1", "--report", &rig], read),
+        (vec!["calib", "board", board[1], &report], "must end in"),
+        (vec!["calib", "board", board[1], &new("b.svg"), &new("b.svg")], twice),
+        (
+            vec![
+                "calib",
+                "board",
+                "aruco:4x3:DICT_4X4_50:60mm:9mm:double=4mm",
+                &new("b.svg"),
+                &new("b-back.svg"),
+            ],
+            twice,
+        ),
+        (vec!["compare", "--rig", &rig, "--report", &rig], read),
+        (vec!["latency", "--rig", &rig, "--report", &rig], read),
+        (vec!["predict", "--evaluate", &track, "--report", &track], read),
+        (vec!["segment", "--rig", &rig, "--learn", &new("seen"), "--plot", &picture], read),
+        (vec!["demo", "--report", &report, "--record", &new("new-error.png")], twice),
+    ] {
+        let ended = lab.start(&arguments).wait();
+        assert_eq!(ended.code, Some(2), "{arguments:?}: {} {}", ended.out.join("\n"), ended.err);
+        assert!(ended.err.contains(said), "{arguments:?}: {}", ended.err);
+    }
+    for (path, content) in [(&picture, "what was seen"), (&marks, "rows"), (&track, "rows")] {
+        assert_eq!(fs::read_to_string(path).expect("there"), content);
+    }
+    for name in ["new.json", "b.svg"] {
+        assert!(!lab.path(name).exists(), "{name} was begun");
+    }
 }
 
 #[test]

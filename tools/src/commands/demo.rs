@@ -1,6 +1,6 @@
 //! `netcord demo`: the whole pipeline on a synthetic rally, checked against the truth.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use netcord_common::Shutdown;
 
@@ -71,7 +71,9 @@ pub fn run(args: &Args) -> CommandResult {
     if let Some(path) = &args.record {
         refuse_existing(path, false)?;
     }
-    output::check([&args.record, &args.report].into_iter().flatten().map(PathBuf::as_path))?;
+    let plots = args.report.as_deref().map(trial::plot_paths).transpose()?.flatten();
+    let written = [&args.record, &args.report].into_iter().flatten();
+    output::check(None::<&Path>, written.chain(plots.iter().flatten()))?;
     let setup = Setup {
         cameras: args.cameras,
         rate_hz: args.rate,
@@ -100,8 +102,11 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if let Some(path) = &args.report {
         let text = serde_json::to_string_pretty(report)?;
-        crate::output::write(path, text + "\n")?;
-        for plot in trial.write_plots(path)? {
+        output::write(path, text + "\n")?;
+    }
+    if let Some(plots) = &plots {
+        trial.write_plots(plots)?;
+        for plot in plots {
             println!("  plot: {}", plot.display());
         }
     }

@@ -13,6 +13,7 @@ use super::RigArgs;
 use crate::{
     exit::{CommandResult, Outcome},
     observer::{Observer, Tally},
+    output,
     terminal::LiveLines,
 };
 
@@ -39,6 +40,7 @@ const DRAW: Duration = Duration::from_millis(500);
 /// Runs `netcord latency`.
 pub fn run(args: &Args) -> CommandResult {
     let (rig, domain) = args.rig.load()?;
+    output::check([&args.rig.rig], &args.report)?;
     let stop = Shutdown::on_signals()?;
     let bus = Bus::join(&domain, "latency")?;
     let mut observer = Observer::attach(&bus, &rig)?;
@@ -68,7 +70,7 @@ pub fn run(args: &Args) -> CommandResult {
             "latency_ms": tally.latencies(),
             "frames": tally.frames(),
         });
-        crate::output::write(path, format!("{report:#}\n"))?;
+        output::write(path, format!("{report:#}\n"))?;
     }
     Ok(if tally.rate_hz().is_some() { Outcome::Good } else { Outcome::Missed })
 }

@@ -16,6 +16,7 @@ pub use deployment::Deployment;
 pub use error::TrialError;
 pub use foresight::ForesightErrors;
 pub use judge::{Judge, Judged, Judgement, Score};
+pub use plots::plot_paths;
 pub use report::TrialReport;
 pub use running::run;
 pub use setup::{Scene, Setup, example_rig};

@@ -11,7 +11,10 @@ use plotters::{
 };
 
 use super::{Judged, Judgement};
-use crate::plot::{self, FONT, Painter, PlotError};
+use crate::{
+    output::{self, OutputError},
+    plot::{self, FONT, Painter, PlotError},
+};
 
 const INK: RGBColor = RGBColor(40, 44, 52);
 const TRUTH: RGBColor = RGBColor(160, 166, 176);
@@ -25,20 +28,28 @@ const HALF_LENGTH_M: f64 = 1.37;
 const HALF_WIDTH_M: f64 = 0.7625;
 const NET_HEIGHT_M: f64 = 0.1525;
 
-/// Writes the plots of a trial beside `report`: `<its name>-trajectory.png`, `-error.png`, `-latency.png`.
+/// Where the plots of a trial go beside `report`: `<its name>-trajectory.png`, `-error.png`, `-latency.png`; `None`
+/// where the report goes into a pipe.
+///
+/// # Errors
+/// [`OutputError::NoName`].
+pub fn plot_paths(report: &Path) -> Result<Option<[PathBuf; 3]>, OutputError> {
+    let beside = |what| output::beside(report, what);
+    let [trajectory, error, latency] = ["-trajectory.png", "-error.png", "-latency.png"].map(beside);
+    Ok(trajectory?
+        .zip(error?)
+        .zip(latency?)
+        .map(|((trajectory, error), latency)| [trajectory, error, latency]))
+}
+
+/// Writes the plots of a trial where [`plot_paths`] says.
 ///
 /// # Errors
 /// [`PlotError`] when one cannot be written.
-pub fn write_plots(report: &Path, rows: &[Judged], latencies_ms: &[f64]) -> Result<Vec<PathBuf>, PlotError> {
-    let beside = |what: &str| {
-        let stem = report.file_stem().unwrap_or_default().to_string_lossy();
-        report.with_file_name(format!("{stem}-{what}.png"))
-    };
-    let paths = ["trajectory", "error", "latency"].map(beside);
+pub fn write_plots(paths: &[PathBuf; 3], rows: &[Judged], latencies_ms: &[f64]) -> Result<(), PlotError> {
     plot::draw(&paths[0], (1200, 900), &TrajectoryPlot { rows: last_seconds(rows) })?;
     plot::draw(&paths[1], (1200, 500), &ErrorPlot { rows })?;
-    plot::draw(&paths[2], (1200, 500), &LatencyPlot { latencies_ms })?;
-    Ok(paths.to_vec())
+    plot::draw(&paths[2], (1200, 500), &LatencyPlot { latencies_ms })
 }
 
 fn last_seconds(rows: &[Judged]) -> &[Judged] {

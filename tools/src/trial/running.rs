@@ -1,6 +1,6 @@
 use std::{
     collections::BTreeMap,
-    path::{Path, PathBuf},
+    path::PathBuf,
     time::{Duration, Instant},
 };
 
@@ -31,12 +31,12 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Writes the plots beside `report`.
+    /// Writes the plots where [`super::plot_paths`] says.
     ///
     /// # Errors
     /// [`PlotError`] when one cannot be written.
-    pub fn write_plots(&self, report: &Path) -> Result<Vec<PathBuf>, PlotError> {
-        write_plots(report, &self.rows, &self.latencies_ms)
+    pub fn write_plots(&self, paths: &[PathBuf; 3]) -> Result<(), PlotError> {
+        write_plots(paths, &self.rows, &self.latencies_ms)
     }
 }
 

@@ -1,6 +1,12 @@
 //! `netcord calib board`.
 
-use std::{error::Error, fs, path::PathBuf};
+use std::{
+    cell::OnceCell,
+    error::Error,
+    ffi::OsStr,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use netcord_calib::board::{CalibrationBoard, Sheet, to_pdf, to_svg};
 use plotters::{
@@ -12,7 +18,7 @@ use plotters::{
 
 use crate::{
     exit::{CommandResult, Outcome},
-    plot,
+    output, plot,
 };
 
 /// Arguments of `netcord calib board`.
@@ -38,31 +44,46 @@ pub fn parse(spec: &str) -> Result<CalibrationBoard, Box<dyn Error>> {
     Ok(CalibrationBoard::parse(spec, |path| fs::read_to_string(path).map_err(|e| e.to_string()))?)
 }
 
+/// The file of the dictionary that a board's description names, where it names one; it need not be readable.
+pub fn dictionary_file(spec: &str) -> Option<PathBuf> {
+    let asked = OnceCell::new();
+    // Whoever parses it in earnest tells what is wrong with it.
+    let _ = CalibrationBoard::parse(spec, |path| {
+        let _ = asked.set(PathBuf::from(path));
+        Err(String::new())
+    });
+    asked.into_inner()
+}
+
 /// Runs `netcord calib board`.
 pub fn run(args: &Args) -> CommandResult {
     let board = parse(&args.board)?;
+    let mut files = args.files.clone();
+    for file in &args.files {
+        // The second page of a PDF is no file of its own.
+        if kind_of(file)? != "pdf" && board.back().is_some() {
+            files.extend(back_of(file)?);
+        }
+    }
+    output::check(dictionary_file(&args.board), &files)?;
     for file in &args.files {
         let command = format!("netcord calib board {} {}", args.board, file.display());
         let front = Sheet::new(&board, &command);
         let back = board.back().map(|back| Sheet::new(&back, &format!("{command}: the back")));
-        let kind = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_owned();
+        let kind = kind_of(file)?;
         let mut sheets: Vec<(PathBuf, Vec<Sheet>)> = vec![(file.clone(), vec![front])];
         match back {
             Some(back) if kind == "pdf" => sheets[0].1.push(back),
-            Some(back) => {
-                let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-                sheets.push((file.with_file_name(format!("{stem}-back.{kind}")), vec![back]));
-            }
+            Some(back) => sheets.extend(back_of(file)?.map(|file| (file, vec![back]))),
             None => {}
         }
         for (file, sheets) in sheets {
-            let bytes = match kind.as_str() {
+            let bytes = match kind {
                 "svg" => to_svg(&sheets[0]).into_bytes(),
                 "pdf" => to_pdf(&sheets),
-                "png" => to_png(&sheets[0], args.dpi)?,
-                _ => return Err(format!("{} must end in .svg, .pdf or .png", file.display()).into()),
+                _ => to_png(&sheets[0], args.dpi)?,
             };
-            crate::output::write(&file, bytes)?;
+            output::write(&file, bytes)?;
             let (sheet, pages) = (&sheets[0], if sheets.len() > 1 { ", front and back" } else { "" });
             println!(
                 "{}: {} on {:.0} × {:.0} mm{pages}",
@@ -74,6 +95,17 @@ pub fn run(args: &Args) -> CommandResult {
         }
     }
     Ok(Outcome::Good)
+}
+
+/// What a file's name says is to be drawn.
+fn kind_of(file: &Path) -> Result<&str, String> {
+    let kind = file.extension().and_then(OsStr::to_str).filter(|kind| ["svg", "pdf", "png"].contains(kind));
+    kind.ok_or_else(|| format!("{} must end in .svg, .pdf or .png", file.display()))
+}
+
+/// Where the back of a double board goes: `b.svg` becomes `b-back.svg`.
+fn back_of(file: &Path) -> Result<Option<PathBuf>, Box<dyn Error>> {
+    Ok(output::beside(file, &format!("-back.{}", kind_of(file)?))?)
 }
 
 /// The sheet as PNG with its resolution in it, so that printers keep the scale.

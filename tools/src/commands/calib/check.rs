@@ -1,6 +1,9 @@
 //! `netcord calib check`.
 
-use std::{error::Error, path::PathBuf};
+use std::{
+    error::Error,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::Vector2;
 use netcord_calib::{
@@ -10,12 +13,15 @@ use netcord_calib::{
 };
 
 use super::{
+    board,
     motion::{self, PointsArgs},
-    pictures, plots,
+    pictures::{self, CameraPictures},
+    plots,
     rigged::CalibratedRig,
 };
 use crate::{
     exit::{CommandResult, Outcome},
+    output::{self, OutputError},
     plot,
 };
 
@@ -59,9 +65,11 @@ pub fn run(args: &Args) -> CommandResult {
     let rig = CalibratedRig::load(&args.rig)?;
     let limits =
         Limits { reprojection_px: args.limit_px, epipolar_px: args.limit_px, length: args.limit_length };
+    let images = pictures::unread(&args.images)?;
+    check_outputs(args, &rig, &images)?;
     let (mut check, mut corners, mut views) = (Check::default(), Vec::new(), Vec::new());
     if let Some(spec) = &args.board {
-        let seen = views_of(&rig, spec, &args.images)?;
+        let seen = views_of(&rig, spec, &images)?;
         views = on_time(&seen, &rig.later_s);
         for ((before, after), later_s) in
             seen.iter().zip(&views).zip(&rig.later_s).filter(|(_, s)| **s != 0.0)
@@ -110,7 +118,32 @@ pub fn run(args: &Args) -> CommandResult {
     Ok(if check.redo.is_empty() { Outcome::Good } else { Outcome::Missed })
 }
 
-fn views_of(rig: &CalibratedRig, spec: &str, images: &[String]) -> Result<Vec<CameraViews>, Box<dyn Error>> {
+/// The report and its plots go to places of their own, and not over what is read.
+fn check_outputs(args: &Args, rig: &CalibratedRig, images: &[CameraPictures]) -> Result<(), OutputError> {
+    let Some(report) = &args.report else { return Ok(()) };
+    let dictionary = args.board.as_deref().and_then(board::dictionary_file);
+    let read = [Some(&args.rig), dictionary.as_ref()].into_iter().flatten().map(PathBuf::as_path);
+    let read = read.chain(args.points.files()).chain(pictures::files(images));
+    let mut written = vec![report.clone()];
+    if !images.is_empty() {
+        written.extend(plots::paths(report, rig.cameras.iter().map(|c| c.name.as_str()))?);
+    }
+    if !args.points.tracks.is_empty() {
+        written.extend(rod_plot(report)?);
+    }
+    output::check(read, &written)
+}
+
+/// Where the picture of a rod's errors goes.
+fn rod_plot(report: &Path) -> Result<Option<PathBuf>, OutputError> {
+    output::beside(report, "-rod.png")
+}
+
+fn views_of(
+    rig: &CalibratedRig,
+    spec: &str,
+    images: &[CameraPictures],
+) -> Result<Vec<CameraViews>, Box<dyn Error>> {
     let all = GatherOptions { max_iou: 1.0, max_views: usize::MAX, ..GatherOptions::default() };
     let mut views: Vec<CameraViews> = rig
         .cameras
@@ -182,13 +215,13 @@ fn print(check: &Check) {
 }
 
 fn write(
-    path: &std::path::Path,
+    path: &Path,
     rig: &CalibratedRig,
     check: &Check,
     corners: &[CheckedCorner],
     views: &[CameraViews],
 ) -> Result<(), Box<dyn Error>> {
-    crate::output::write(path, serde_json::to_string_pretty(check)?)?;
+    output::write(path, serde_json::to_string_pretty(check)?)?;
     let mut written = Vec::new();
     if !corners.is_empty() {
         let cameras: Vec<plots::CameraPlot> = views
@@ -209,9 +242,7 @@ fn write(
             .collect();
         written.extend(plots::write(path, &cameras)?);
     }
-    if let Some(rod) = &check.rod {
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let file = path.with_file_name(format!("{stem}-rod.png"));
+    if let (Some(rod), Some(file)) = (&check.rod, rod_plot(path)?) {
         let places: Vec<([f64; 3], f64)> = match &rig.first_from_table {
             Some(pose) => {
                 let table = pose.inverse();

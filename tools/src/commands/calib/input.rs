@@ -16,7 +16,12 @@ use netcord_calib::{
 };
 use netcord_common::camera::CameraModel;
 
-use super::{board, pictures};
+use super::{
+    board,
+    pictures::{self, CameraPictures},
+    plots,
+};
+use crate::output::{self, OutputError};
 
 /// Where corners come from.
 #[derive(Debug, Clone, clap::Args)]
@@ -44,7 +49,7 @@ pub struct InputArgs {
     max_views: usize,
 
     /// Write the corners found here, to be read back with --corners.
-    #[arg(long, value_name = "FILE.json")]
+    #[arg(long, value_name = "FILE.json", conflicts_with = "corners")]
     save_corners: Option<PathBuf>,
 }
 
@@ -70,22 +75,69 @@ pub struct Solved {
     pub board: String,
 }
 
+/// Where corners come from, looked at and not yet searched.
+pub struct Input<'a> {
+    args: &'a InputArgs,
+    from: From<'a>,
+}
+
+enum From<'a> {
+    Corners { path: &'a Path, cameras: Vec<CameraViews> },
+    Pictures { board: &'a str, cameras: Vec<CameraPictures> },
+}
+
 impl InputArgs {
-    /// Reads the corners, or leads a session through the pictures; and solves.
-    pub fn solve(&self, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
-        if let Some(path) = &self.corners {
-            return solve_corners(path, wanted);
+    /// Reads the corners, or finds out what pictures there are.
+    pub fn open(&self) -> Result<Input<'_>, Box<dyn Error>> {
+        let from = if let Some(path) = &self.corners {
+            From::Corners { path, cameras: read_corner_file(path)? }
+        } else {
+            let board = self.board.as_deref().ok_or("--board is missing: which board is in the pictures?")?;
+            From::Pictures { board, cameras: pictures::unread(&self.images)? }
+        };
+        Ok(Input { args: self, from })
+    }
+}
+
+impl Input<'_> {
+    /// Refuses outputs that would replace what is read, or each other: the rig file is read, and written by its own
+    /// rules; beside the report go the cameras' plots.
+    pub fn check_outputs(&self, rig: Option<&Path>, report: Option<&Path>) -> Result<(), OutputError> {
+        let mut read: Vec<PathBuf> = rig.map(Path::to_owned).into_iter().collect();
+        let names: Vec<&str> = match &self.from {
+            From::Corners { path, cameras } => {
+                read.push((*path).to_owned());
+                cameras.iter().map(|camera| camera.name.as_str()).collect()
+            }
+            From::Pictures { board, cameras } => {
+                read.extend(board::dictionary_file(board));
+                read.extend(pictures::files(cameras).map(Path::to_owned));
+                cameras.iter().map(|(name, _)| name.as_str()).collect()
+            }
+        };
+        let mut written: Vec<PathBuf> = self.args.save_corners.iter().cloned().collect();
+        if let Some(report) = report {
+            written.push(report.to_owned());
+            written.extend(plots::paths(report, names)?);
         }
-        let spec = self.board.as_deref().ok_or("--board is missing: which board is in the pictures?")?;
+        output::check(&read, &written)
+    }
+
+    /// Leads a session through the pictures, unless there are corners; and solves.
+    pub fn solve(self, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
+        let (spec, pictures) = match self.from {
+            From::Corners { cameras, .. } => return solve_corners(cameras, wanted),
+            From::Pictures { board, cameras } => (board, cameras),
+        };
         let detector = Arc::new(Detector::new(board::parse(spec)?));
-        let (names, shots) = pictures::search(&detector, &self.images)?;
-        let mut setup = wanted.setup(names)?;
-        (setup.options.max_iou, setup.options.max_views) = (self.max_iou, self.max_views);
+        let mut setup = wanted.setup(pictures.iter().map(|(name, _)| name.clone()).collect())?;
+        let shots = pictures::search(&detector, &pictures)?;
+        (setup.options.max_iou, setup.options.max_views) = (self.args.max_iou, self.args.max_views);
         let mut session = Session::new(setup, detector);
         pictures::offer(&mut session, shots)?;
         let cameras = session.views();
-        if let Some(path) = &self.save_corners {
-            crate::output::write(path, write_corners(&cameras))?;
+        if let Some(path) = &self.args.save_corners {
+            output::write(path, write_corners(&cameras))?;
         }
         let outcome = process(&mut session)?;
         Ok(Solved { outcome, cameras, board: spec.to_owned() })
@@ -110,14 +162,17 @@ fn solved(problem: &Problem) -> Result<Outcome, ProblemError> {
     result
 }
 
-/// Corners that somebody else found: nothing is to be gathered.
-fn solve_corners(path: &Path, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
+fn read_corner_file(path: &Path) -> Result<Vec<CameraViews>, String> {
     let text = fs::read_to_string(path)
         .map_err(|e| format!("cannot read the corner file {}: {e}", path.display()))?;
-    let cameras = read_corners(&text).map_err(|e| {
+    read_corners(&text).map_err(|e| {
         let why = e.source().map_or(String::new(), |s| format!(": {s}"));
         format!("{}: {e}{why}", path.display())
-    })?;
+    })
+}
+
+/// Corners that somebody else found: nothing is to be gathered.
+fn solve_corners(cameras: Vec<CameraViews>, wanted: Wanted<'_>) -> Result<Solved, Box<dyn Error>> {
     let setup = wanted.setup(cameras.iter().map(|c| c.name.clone()).collect())?;
     for (camera, known) in cameras.iter().zip(&setup.cameras) {
         if let Some(m) = known.model.filter(|m| (m.width, m.height) != camera.size) {

@@ -8,20 +8,20 @@ use netcord_calib::{
 };
 use netcord_common::geometry::{Transform, World};
 
-use super::{pictures, rigged::CalibratedRig};
+use super::{pictures::CameraPictures, rigged::CalibratedRig};
 
 /// The marks where the table's lines cross, in pictures of a table that stands about where `rough` has it; of
 /// several pictures of a camera, the median.
 pub fn find(
     rig: &CalibratedRig,
-    images: &[String],
+    images: &[CameraPictures],
     rough: &Transform<World, Table>,
 ) -> Result<Vec<Mark>, Box<dyn Error>> {
     /// Pictures of a camera that are looked at: the table stands still.
     const ENOUGH: usize = 9;
     let mut seen: BTreeMap<(String, String), Vec<[f64; 2]>> = BTreeMap::new();
-    for (camera, pictures) in pictures::unread(images)? {
-        let known = &rig.cameras[rig.place(&camera)?];
+    for (camera, pictures) in images {
+        let known = &rig.cameras[rig.place(camera)?];
         let camera_from_table = &known.camera_from_first * rough;
         let stride = pictures.len().div_ceil(ENOUGH).max(1);
         for (name, picture) in pictures.iter().step_by(stride) {

@@ -1,6 +1,10 @@
 //! `netcord calib motion`: poses of cameras from points in motion.
 
-use std::{collections::BTreeMap, error::Error, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    error::Error,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::{Vector2, Vector3};
 use netcord_calib::{
@@ -23,7 +27,10 @@ use super::{
     save,
     tracks::{Track, read_detections, read_track},
 };
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output,
+};
 
 /// Points in motion.
 #[derive(Debug, Clone, clap::Args)]
@@ -54,7 +61,17 @@ pub struct Joined {
     pub times_ns: Vec<u64>,
 }
 
+/// The camera, unless the file tells it, and the file.
+fn track_of(track: &str) -> (Option<&str>, &Path) {
+    track.split_once('=').map_or((None, track.as_ref()), |(name, path)| (Some(name), path.as_ref()))
+}
+
 impl PointsArgs {
+    /// The files that are read.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.tracks.iter().map(|track| track_of(track).1)
+    }
+
     /// Reads the tracks and joins them by their instants; `known` gives a camera's intrinsics, and how much later than
     /// stamped its frames are exposed, s: its points are taken back to the instants of their stamps.
     pub fn load(
@@ -63,9 +80,9 @@ impl PointsArgs {
     ) -> Result<Joined, Box<dyn Error>> {
         let mut tracks: Vec<(String, Track)> = Vec::new();
         for track in &self.tracks {
-            match track.split_once('=') {
-                Some((name, path)) => tracks.push((name.to_owned(), read_track(path.as_ref())?)),
-                None => tracks.extend(read_detections(track.as_ref())?),
+            match track_of(track) {
+                (Some(name), path) => tracks.push((name.to_owned(), read_track(path)?)),
+                (None, path) => tracks.extend(read_detections(path)?),
             }
         }
         let markers = tracks.iter().flat_map(|(_, t)| t.values()).map(Vec::len).max().unwrap_or(0);
@@ -221,6 +238,7 @@ pub fn run(args: &Args) -> CommandResult {
     if args.points.tracks.is_empty() {
         return Err("no points in motion: give --track".into());
     }
+    output::check(args.points.files().chain([args.rig.as_path()]), &args.report)?;
     let joined = args.points.load(|name| {
         let model = edit.intrinsics(name).ok_or_else(|| {
             format!(
@@ -274,7 +292,7 @@ pub fn run(args: &Args) -> CommandResult {
     }
     if let Some(path) = &args.report {
         let report = report(scale, scale_sigma, &found, &joined, !args.refine.is_empty());
-        crate::output::write(path, serde_json::to_string_pretty(&report)?)?;
+        output::write(path, serde_json::to_string_pretty(&report)?)?;
     }
     if !args.dry_run && scale != "none" {
         write(&mut edit, args, scale, &joined, &found)?;

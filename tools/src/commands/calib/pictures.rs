@@ -1,8 +1,13 @@
 //! Pictures of boards: files, folders of files, or a recording; and the boards found in them.
 
-use std::{collections::BTreeMap, error::Error, path::PathBuf, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    error::Error,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle, style::TemplateError};
 use netcord_calib::{
     detect::{Depth, Detector, Luma},
     gather::{GatherOptions, Rejection, pictures, read},
@@ -38,6 +43,14 @@ pub type CameraPictures = (String, Vec<(String, Unread)>);
 const SEARCHED: usize = 300;
 
 impl Unread {
+    /// The file that it is read from.
+    pub fn file(&self) -> &Path {
+        match self {
+            Self::File(path) => path,
+            Self::Frame { footage, .. } => footage.file().path(),
+        }
+    }
+
     /// Middle of the exposure, ns, where it is known.
     fn stamp_ns(&self) -> Option<u64> {
         match self {
@@ -93,6 +106,13 @@ pub fn unread(images: &[String]) -> Result<Vec<CameraPictures>, Box<dyn Error>> 
     Ok(cameras)
 }
 
+/// All files that these pictures are read from.
+pub fn files(cameras: &[CameraPictures]) -> impl Iterator<Item = &Path> {
+    let all = cameras.iter().flat_map(|(_, pictures)| pictures.iter().map(|(_, picture)| picture.file()));
+    // The frames of a recording share one.
+    all.collect::<BTreeSet<_>>().into_iter()
+}
+
 fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraPictures>, Box<dyn Error>> {
     let footage = Arc::new(Footage::open(path.as_ref())?);
     let wanted: Vec<(usize, &FilmedCamera)> = footage
@@ -124,10 +144,8 @@ fn of_recording(path: &str, only: Option<&str>) -> Result<Vec<CameraPictures>, B
     Ok(cameras)
 }
 
-/// The cameras of `images` in their order, and what they saw at each instant of the board: all pictures searched,
-/// on all cores, with a progress bar.
-pub fn search(detector: &Detector, images: &[String]) -> Result<(Vec<String>, Vec<Shot>), Box<dyn Error>> {
-    let cameras = unread(images)?;
+/// What the cameras saw at each instant of the board: all pictures searched, on all cores, with a progress bar.
+pub fn search(detector: &Detector, cameras: &[CameraPictures]) -> Result<Vec<Shot>, TemplateError> {
     let mut instants: BTreeMap<String, Vec<Option<Unread>>> = BTreeMap::new();
     for (place, (_, pictures)) in cameras.iter().enumerate() {
         for (name, picture) in pictures {
@@ -161,7 +179,7 @@ pub fn search(detector: &Detector, images: &[String]) -> Result<(Vec<String>, Ve
         })
         .collect();
     bar.finish_and_clear();
-    Ok((cameras.into_iter().map(|(name, _)| name).collect(), shots))
+    Ok(shots)
 }
 
 /// Offers all shots to a session; says what it kept, and why not the rest.
@@ -185,13 +203,17 @@ pub fn offer(session: &mut Session, shots: Vec<Shot>) -> Result<(), Box<dyn Erro
 /// All views of the board `spec` in the pictures of each camera that `options` let pass.
 pub fn find(
     spec: &str,
-    images: &[String],
+    cameras: &[CameraPictures],
     options: &GatherOptions,
 ) -> Result<Vec<CameraViews>, Box<dyn Error>> {
     let detector = Arc::new(Detector::new(board::parse(spec)?));
-    let (cameras, shots) = search(&detector, images)?;
-    let unknown = |name| SessionCamera { name, model: None, camera_from_first: None };
-    let setup = Setup::new(Task::Mono, cameras.into_iter().map(unknown).collect());
+    let shots = search(&detector, cameras)?;
+    let unknown = |(name, _): &CameraPictures| SessionCamera {
+        name: name.clone(),
+        model: None,
+        camera_from_first: None,
+    };
+    let setup = Setup::new(Task::Mono, cameras.iter().map(unknown).collect());
     let mut session = Session::new(Setup { options: *options, ..setup }, detector);
     offer(&mut session, shots)?;
     Ok(session.views())

@@ -1,6 +1,9 @@
 //! What a calibration looks like: where corners were, how they fit, and what is known where.
 
-use std::path::{Path, PathBuf};
+use std::{
+    error::Error,
+    path::{Path, PathBuf},
+};
 
 use nalgebra::Vector2;
 use plotters::{
@@ -12,7 +15,10 @@ use plotters::{
     style::{Color as _, IntoFont as _, RGBColor, ShapeStyle, WHITE},
 };
 
-use crate::plot::{self, FONT, Painter, PlotError};
+use crate::{
+    output::{self, OutputError},
+    plot::{self, FONT, Painter},
+};
 
 const INK: RGBColor = RGBColor(40, 44, 52);
 const CORNER: RGBColor = RGBColor(31, 90, 150);
@@ -35,17 +41,35 @@ pub struct CameraPlot {
     pub uncertainty: Vec<(f64, f64, Option<f64>)>,
 }
 
-/// Writes one picture a camera beside `report`: `<its name>-<camera>.png`.
-pub fn write(report: &Path, cameras: &[CameraPlot]) -> Result<Vec<PathBuf>, PlotError> {
-    let stem = report.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    cameras
-        .iter()
-        .map(|camera| {
-            let path = report.with_file_name(format!("{stem}-{}.png", camera.name));
+/// Where a camera's picture goes beside `report`: `<its name>-<camera>.png`; `None` beside a pipe.
+///
+/// # Errors
+/// [`OutputError::NoName`].
+pub fn path(report: &Path, camera: &str) -> Result<Option<PathBuf>, OutputError> {
+    output::beside(report, &format!("-{camera}.png"))
+}
+
+/// Where the pictures of all these cameras go beside `report`, before any of them is drawn.
+///
+/// # Errors
+/// [`OutputError::NoName`].
+pub fn paths<'a>(
+    report: &Path,
+    cameras: impl IntoIterator<Item = &'a str>,
+) -> Result<Vec<PathBuf>, OutputError> {
+    cameras.into_iter().filter_map(|camera| path(report, camera).transpose()).collect()
+}
+
+/// Writes one picture a camera beside `report`, where [`path`] says.
+pub fn write(report: &Path, cameras: &[CameraPlot]) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+    let mut written = Vec::new();
+    for camera in cameras {
+        if let Some(path) = path(report, &camera.name)? {
             plot::draw(&path, (1500, 1000), camera)?;
-            Ok(path)
-        })
-        .collect()
+            written.push(path);
+        }
+    }
+    Ok(written)
 }
 
 type Painted<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;

@@ -64,7 +64,9 @@ pub struct RigArgs {
 /// Runs `netcord calib mono`.
 pub fn mono(args: &MonoArgs) -> CommandResult {
     let solver = Solver { mono: args.solver.mono(), ..Solver::default() };
-    let found = args.input.solve(Wanted { task: Task::Mono, exactly: None, solver, model: &|_| Ok(None) })?;
+    let input = args.input.open()?;
+    input.check_outputs(args.rig.as_deref(), args.solver.report.as_deref())?;
+    let found = input.solve(Wanted { task: Task::Mono, exactly: None, solver, model: &|_| Ok(None) })?;
     let Calibrated::Mono(results) = found.outcome.as_ref() else { return Err(OTHER_OUTCOME.into()) };
     results.iter().for_each(print_mono);
     let plots = results.iter().filter_map(|solved| {
@@ -112,7 +114,9 @@ fn solve_rig(args: &RigArgs, exactly: Option<(usize, &'static str)>) -> CommandR
         })?;
         Ok(Some(model))
     };
-    let found = args.input.solve(Wanted { task: Task::Rig, exactly, solver, model: &model })?;
+    let input = args.input.open()?;
+    input.check_outputs(args.rig.as_deref(), args.solver.report.as_deref())?;
+    let found = input.solve(Wanted { task: Task::Rig, exactly, solver, model: &model })?;
     let Calibrated::Rig { solved, rig, .. } = found.outcome.as_ref() else {
         return Err(OTHER_OUTCOME.into());
     };

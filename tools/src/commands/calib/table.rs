@@ -15,7 +15,10 @@ use netcord_common::geometry::{Point, Transform, World};
 use serde::Serialize;
 
 use super::{board, input::process, lines, pictures, rigged::CalibratedRig, save};
-use crate::exit::{CommandResult, Outcome};
+use crate::{
+    exit::{CommandResult, Outcome},
+    output,
+};
 
 /// Finds the table's pose before the cameras of a calibrated rig, from marks on it, from a board that lies on it,
 /// from the ball's bounces, or from all of them together; and writes it into the rig file.
@@ -147,13 +150,18 @@ struct ResidualReport {
 /// Runs `netcord calib table`: a session for the table, without a browser.
 pub fn run(args: &Args) -> CommandResult {
     let rig = CalibratedRig::load(&args.rig)?;
+    let (of_lines, of_board) = (pictures::unread(&args.find)?, pictures::unread(&args.images)?);
+    let dictionary = args.board.as_deref().and_then(board::dictionary_file);
+    let lists = [Some(&args.rig), args.marks_file.as_ref(), args.bounces.as_ref(), dictionary.as_ref()];
+    let read = lists.into_iter().flatten().map(PathBuf::as_path);
+    output::check(read.chain(pictures::files(&of_lines)).chain(pictures::files(&of_board)), &args.report)?;
     let mut sources = Vec::new();
     let mut marks = args.marks.clone();
     if let Some(path) = &args.marks_file {
         marks.extend(read_marks(path)?);
     }
-    if !args.find.is_empty() {
-        marks = lines::find(&rig, &args.find, &rough(args, &rig, &marks)?)?;
+    if !of_lines.is_empty() {
+        marks = lines::find(&rig, &of_lines, &rough(args, &rig, &marks)?)?;
     }
     if !marks.is_empty() {
         sources.push(format!("{} marks", marks.len()));
@@ -165,8 +173,8 @@ pub fn run(args: &Args) -> CommandResult {
     let mut session = session_of(args, &rig, &contacts)?;
     set_marks(&mut session, &rig, &marks)?;
     if let Some(spec) = &args.board {
-        let (cameras, mut shots) = pictures::search(session.detector(), &args.images)?;
-        let places = cameras.iter().map(|c| rig.place(c)).collect::<Result<Vec<_>, _>>()?;
+        let mut shots = pictures::search(session.detector(), &of_board)?;
+        let places = of_board.iter().map(|(camera, _)| rig.place(camera)).collect::<Result<Vec<_>, _>>()?;
         for shot in &mut shots {
             let mut sights: Vec<_> = rig.cameras.iter().map(|_| None).collect();
             for (place, sight) in places.iter().zip(shot.sights.drain(..)) {
@@ -190,7 +198,7 @@ pub fn run(args: &Args) -> CommandResult {
     let report = report(&rig, found);
     print(&report, &found.table);
     if let Some(path) = &args.report {
-        crate::output::write(path, serde_json::to_string_pretty(&report)?)?;
+        output::write(path, serde_json::to_string_pretty(&report)?)?;
     }
     let measured = &found.table.residuals;
     if !args.dry_run {

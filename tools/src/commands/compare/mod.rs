@@ -70,6 +70,9 @@ const CALIBRATIONS_PX: [f64; 4] = [0.0, 0.2, 0.5, 1.0];
 /// Draws of the calibration in each cell that has an error of it.
 const CALIBRATION_DRAWS: usize = 25;
 
+/// The plot's name where there is no report that it could be called after.
+const PLOT: &str = "compare.png";
+
 /// One cell of the comparison.
 #[derive(Debug, Serialize)]
 struct Cell {
@@ -134,10 +137,10 @@ pub fn run(args: &Args) -> CommandResult {
     let rigs = rigs(args.rig.as_deref())?;
     let plot = match (&args.plot, &args.report) {
         (Some(plot), _) => plot.clone(),
-        (None, Some(report)) => report.with_extension("png"),
-        (None, None) => "compare.png".into(),
+        (None, Some(report)) => output::beside(report, ".png")?.unwrap_or_else(|| PLOT.into()),
+        (None, None) => PLOT.into(),
     };
-    output::check(std::iter::once(plot.as_path()).chain(args.report.as_deref()))?;
+    output::check(&args.rig, std::iter::once(&plot).chain(&args.report))?;
     if args.input {
         let rows = input::measure(&rigs[0], args.seed, args.frames)?;
         input::print(&rows);

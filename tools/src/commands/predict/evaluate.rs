@@ -1,6 +1,6 @@
 //! `--evaluate`: prediction errors over recorded flights, as table and report.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use netcord_detect::flight::recorded::{
@@ -11,9 +11,17 @@ use serde_json::{Map, Value, json};
 use super::{files::Set, plot::ErrorPlot, reliability::Reliability};
 use crate::{
     exit::{CommandResult, Outcome},
-    output::{OutputError, Plan},
+    output::{self, OutputError},
     plot,
 };
+
+/// Where the plot goes beside the report; `None` where that goes into a pipe.
+///
+/// # Errors
+/// [`OutputError::NoName`].
+pub fn plot_path(report: &Path) -> Result<Option<PathBuf>, OutputError> {
+    output::beside(report, ".png")
+}
 
 /// Evaluates all sets, prints a table of each and of all together, and writes the report.
 pub fn run(
@@ -22,11 +30,6 @@ pub fn run(
     sigma_m: Option<f64>,
     report: Option<&Path>,
 ) -> CommandResult {
-    let begin = |path: &Path| {
-        let mut plan = Plan::default();
-        Ok::<_, OutputError>((plan.begin(path)?, plan.begin(&path.with_extension("png"))?))
-    };
-    let outputs = report.map(begin).transpose()?;
     let mut all = Evaluation::default();
     let (mut by_set, mut ends) = (Map::new(), Vec::new());
     for set in sets {
@@ -66,14 +69,13 @@ pub fn run(
     figures.insert("confidence_other_sets".into(), json!(others.as_ref().map(Reliability::report)));
     figures.insert("confidence_other_sets_worst".into(), json!(worst(&others)));
     figures.insert("sets".into(), Value::Object(by_set));
-    if let Some((json, picture)) = outputs {
-        json.write(format!("{:#}\n", Value::Object(figures)))?;
-        plot::draw_into(
-            picture,
-            (1400, 560),
+    if let Some(path) = report {
+        output::write(path, format!("{:#}\n", Value::Object(figures)))?;
+        if let Some(picture) = plot_path(path)? {
             // Without enough recordings for folds there is no second curve to draw.
-            &ErrorPlot { errors: &all, given, held_out: folds.unwrap_or_default() },
-        )?;
+            let painter = ErrorPlot { errors: &all, given, held_out: folds.unwrap_or_default() };
+            plot::draw(&picture, (1400, 560), &painter)?;
+        }
     }
     // Nobody's table is a metre off.
     let is_absurd = |error_m: &f64| *error_m > 1.0;

@@ -82,6 +82,18 @@ pub fn load(paths: &[PathBuf]) -> Result<Vec<Set>, FlightsError> {
         .collect()
 }
 
+/// The files that [`load`] reads.
+///
+/// # Errors
+/// [`FlightsError::Read`].
+pub fn listed(paths: &[PathBuf]) -> Result<Vec<PathBuf>, FlightsError> {
+    let mut files = Vec::new();
+    for path in paths {
+        files.extend(if path.is_dir() { sorted(path)? } else { vec![path.clone()] });
+    }
+    Ok(files)
+}
+
 fn sorted(folder: &Path) -> Result<Vec<PathBuf>, FlightsError> {
     let failed = |cause| FlightsError::Read { path: folder.to_owned(), cause };
     let mut files = Vec::new();

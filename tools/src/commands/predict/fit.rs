@@ -1,9 +1,6 @@
 //! `--fit`: physical constants from recorded flights, into the rig file.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use netcord_common::rig::RigEdit;
@@ -16,6 +13,7 @@ use thiserror::Error;
 use super::files::Set;
 use crate::{
     exit::{CommandResult, Outcome},
+    output,
     terminal::LiveLines,
 };
 
@@ -117,7 +115,7 @@ pub fn run(
             "held_out_growth": found.held_out_growth(),
             "held_out_error_mm": { "before": errors_before, "after": errors_after },
         });
-        fs::write(path, format!("{:#}\n", Value::clone(&report)))?;
+        output::write(path, format!("{report:#}\n"))?;
     }
     let growth = found.held_out_growth();
     if let Some(growth) = growth {

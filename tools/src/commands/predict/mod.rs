@@ -6,13 +6,13 @@ mod fit;
 mod plot;
 mod reliability;
 
-use std::path::PathBuf;
+use std::{error::Error, path::PathBuf};
 
 use netcord_common::{DomainName, rig::Rig};
 use netcord_detect::flight::{self, PredictOptions, recorded::EvaluateOptions};
 
 use super::RigArgs;
-use crate::{exit::CommandResult, stage};
+use crate::{exit::CommandResult, output, stage};
 
 /// Predict the ball's flight: live, from `ball/position` to `ball/trajectory` and the search windows.
 #[derive(Debug, clap::Args)]
@@ -73,10 +73,22 @@ impl Args {
         }
         Ok(options)
     }
+
+    /// What is written replaces nothing that is read.
+    fn check_outputs(&self) -> Result<(), Box<dyn Error>> {
+        let mut read = files::listed(&[self.evaluate.as_slice(), &self.fit].concat())?;
+        read.extend(self.rig.iter().chain(&self.write).cloned());
+        let mut written: Vec<PathBuf> = self.report.iter().cloned().collect();
+        if let (Some(report), true) = (&self.report, self.fit.is_empty()) {
+            written.extend(evaluate::plot_path(report)?);
+        }
+        Ok(output::check(&read, &written)?)
+    }
 }
 
 /// Runs the subcommand.
 pub fn run(args: &Args) -> CommandResult {
+    args.check_outputs()?;
     if !args.evaluate.is_empty() {
         let sets = files::load(&args.evaluate)?;
         return evaluate::run(&sets, &args.evaluate_options()?, args.sigma, args.report.as_deref());

@@ -102,6 +102,15 @@ impl Frames {
         }
     }
 
+    /// All pictures; none of a recording.
+    pub(super) fn pictures(&self) -> impl Iterator<Item = &Path> {
+        let cameras = match self {
+            Self::Pictures(cameras) => cameras.as_slice(),
+            Self::Recording { .. } => &[],
+        };
+        cameras.iter().flat_map(|(_, pictures)| pictures).map(PathBuf::as_path)
+    }
+
     /// The stamp of a place, ns; none of a picture.
     pub(super) fn stamp_ns(&self, camera: usize, place: usize) -> Option<u64> {
         match self {

@@ -26,7 +26,7 @@ use self::{
 use super::super::{calib::today, file_to_write};
 use crate::{
     exit::{CommandResult, Outcome},
-    plot,
+    output, plot,
 };
 
 /// How to learn the ball's colour.
@@ -84,6 +84,8 @@ pub fn run(args: &LearnArgs, input: &Path, rig: &Path, only: Option<&CameraName>
     let (mut edit, begun) =
         if rig.exists() { (RigEdit::open(rig)?, false) } else { (RigEdit::create(rig, &name_of(rig)), true) };
     let frames = Frames::open(input, only)?;
+    let read = [Some(rig), Some(input), args.marks.as_deref()].into_iter().flatten();
+    output::check(read.chain(frames.pictures()), [&args.plot, &args.report].into_iter().flatten())?;
     if begun {
         frames.begin(&mut edit)?;
     }

@@ -4,6 +4,8 @@ use netcord_common::{CameraName, rig::ColourKind};
 use netcord_detect::segment::learn::{Lesson, Separation};
 use serde::Serialize;
 
+use crate::output;
+
 /// What `--report` writes.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
@@ -64,7 +66,6 @@ impl CameraReport {
 impl Report {
     pub(super) fn write(&self, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
         let json = serde_json::to_string_pretty(self)?;
-        std::fs::write(path, json + "\n")
-            .map_err(|e| format!("cannot write the report {}: {e}", path.display()).into())
+        Ok(output::write(path, json + "\n")?)
     }
 }
