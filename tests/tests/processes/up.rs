@@ -3,7 +3,7 @@
 use std::os::unix::net::UnixDatagram;
 
 use netcord_common::{Clock as _, MonotonicClock};
-use netcord_tests::{Lab, Running, WATCHDOG, Watch, one_at_a_time, until};
+use netcord_tests::{Lab, Running, WATCHDOG, Watch, one_at_a_time, signal_process, until};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
@@ -74,6 +74,32 @@ fn the_children_end_when_up_is_killed_and_the_next_up_finds_a_clean_house() {
     drop(bus);
     assert_eq!(up.stop().code, Some(0));
     assert_eq!(lab.shared_memory(), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn a_stage_that_is_ready_and_publishes_nothing_is_named_once() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(50.0, &[]);
+    let up = lab.start(&["up", &rig.display().to_string(), "--events", "--quiet"]);
+    let bus = lab.bus();
+    let mut watch = Watch::attach(&bus);
+    let stages = watch.stages();
+    watch.position_after(0);
+    signal_process(stages["triangulate"], Signal::SIGSTOP);
+    let event = || -> Value { serde_json::from_str(&up.line()).expect("JSON") };
+    let silent = std::iter::repeat_with(event).find(|event| event["event"] == "silent").expect("one comes");
+    assert_eq!(silent["process"], "triangulate", "{silent}");
+    let what = silent["what"].as_str().expect("a text");
+    for part in ["ball/position", "camera/…/detections", "it hangs", "netcord listen --rig"] {
+        assert!(what.contains(part), "{what}");
+    }
+    signal_process(stages["triangulate"], Signal::SIGCONT);
+    watch.position_after(MonotonicClock.now().as_ns());
+    let ended = up.stop();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let more: Vec<&String> = ended.out.iter().filter(|line| line.contains("\"silent\"")).collect();
+    assert!(more.is_empty(), "it was told of already, and the others had nothing to pass on: {more:?}");
 }
 
 #[test]

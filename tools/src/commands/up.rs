@@ -9,16 +9,17 @@ use std::{
 use netcord_capture::synthetic::truth_domain;
 use netcord_common::{
     Clock as _, DomainName, MonotonicClock, Shutdown,
-    bus::{Bus, DomainRemains},
+    bus::{Bus, BusError, DomainRemains, Subscriber, Topic},
     rig::{ProcessSpec, Rig},
+    wire::Health,
 };
 use serde_json::json;
 
 use crate::{
     exit::{CommandResult, Outcome},
-    observer::{Observer, Tally},
+    observer::{Observer, SilenceWatch, Tally},
     stage,
-    supervisor::{Happening, Launch, Supervisor},
+    supervisor::{ChildStatus, Happening, Launch, Phase, Supervisor},
     terminal::LiveLines,
 };
 
@@ -40,7 +41,8 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = super::seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
 
-    /// Write a JSON line to standard output for every start, readiness, end and line of a process.
+    /// Write a JSON line to standard output for every start, readiness, end and line of a process, and where one is
+    /// silent while its input flows.
     #[arg(long)]
     events: bool,
 
@@ -114,6 +116,7 @@ fn watch(
     narrator: &mut Narrator,
 ) -> CommandResult {
     let started = Instant::now();
+    let mut guard = Guard::attach(args, bus)?;
     let mut view = None;
     let mut drawn = Instant::now();
     let mut told_ready = false;
@@ -126,6 +129,7 @@ fn watch(
             },
             &mut |happening| narrator.tell(&happening),
         )?;
+        guard.look(supervisor, narrator)?;
         if !told_ready && supervisor.all_ready() {
             told_ready = true;
             stage::notify_ready();
@@ -143,6 +147,40 @@ fn watch(
         }
     }
     Ok(Outcome::Good)
+}
+
+/// Looks after stages that are silent while their input flows.
+struct Guard {
+    health: Subscriber<Health>,
+    watch: SilenceWatch,
+    /// Where a person finds out more.
+    hint: String,
+}
+
+impl Guard {
+    fn attach(args: &Args, bus: &Bus) -> Result<Self, BusError> {
+        let domain = args.domain.as_ref().map_or_else(String::new, |domain| format!(" --domain {domain}"));
+        let rig = args.rig.display();
+        let hint = format!(
+            "look at what it said above, and at `netcord latency --rig {rig}{domain}` and `netcord listen --rig \
+             {rig}{domain} rig/health`"
+        );
+        Ok(Self { health: bus.subscriber(&Topic::health())?, watch: SilenceWatch::default(), hint })
+    }
+
+    fn look(&mut self, supervisor: &Supervisor, narrator: &mut Narrator) -> Result<(), BusError> {
+        while let Some(health) = self.health.receive()? {
+            self.watch.see(&health);
+        }
+        let statuses: Vec<ChildStatus<'_>> = supervisor.statuses().collect();
+        let ready = |pid| statuses.iter().find(|s| s.pid == Some(pid) && s.phase == Phase::Running);
+        for silence in self.watch.look(MonotonicClock.now().as_ns(), |pid| ready(pid).is_some()) {
+            if let Some(status) = ready(silence.pid) {
+                narrator.warn(status.name, silence.pid, &format!("{silence}; {}", self.hint));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// One line a process.
@@ -224,6 +262,18 @@ impl Narrator {
             println!("{}", as_json(happening));
         }
         self.live.say(&as_text(happening));
+    }
+
+    /// A process that lives, but does not do its work.
+    fn warn(&mut self, name: &str, pid: u32, what: &str) {
+        if self.events {
+            let t_ns = MonotonicClock.now().as_ns();
+            println!(
+                "{}",
+                json!({"t_ns": t_ns, "event": "silent", "process": name, "pid": pid, "what": what})
+            );
+        }
+        self.live.say(&format!("{name}: {what}"));
     }
 }
 

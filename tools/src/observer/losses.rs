@@ -3,6 +3,8 @@ use std::collections::BTreeMap;
 use netcord_common::wire::{Detections, Frameset, Health, MAX_CAMERAS, Verdict};
 use serde::Serialize;
 
+use super::totals::Totals;
+
 /// Frames published and lost since the observation began.
 #[derive(Debug, Clone, Default)]
 pub struct Losses {
@@ -11,8 +13,7 @@ pub struct Losses {
     unsynchronised: u64,
     /// Of each camera: the capture session, and the segmenter's count of frames lost when first seen and now.
     segmenter: [Option<Unseen>; MAX_CAMERAS],
-    /// By process and counter: its value when first seen, and now.
-    counters: BTreeMap<String, Counted>,
+    counters: Totals,
 }
 
 /// A count of frames that a segmenter has not looked at, which starts over with either process.
@@ -21,13 +22,6 @@ struct Unseen {
     session: u64,
     last: u64,
     lost: u64,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Counted {
-    pid: u32,
-    last: u64,
-    total: u64,
 }
 
 impl Losses {
@@ -59,15 +53,7 @@ impl Losses {
 
     /// Takes in a process's counters.
     pub fn health(&mut self, health: &Health) {
-        for counter in health.counters() {
-            let key = format!("{}/{}", health.process, counter.name);
-            let value = counter.value;
-            let new = Counted { pid: health.pid, last: value, total: 0 };
-            let counted = self.counters.entry(key).or_insert(new);
-            counted.total +=
-                if counted.pid == health.pid { value.saturating_sub(counted.last) } else { value };
-            (counted.pid, counted.last) = (health.pid, value);
-        }
+        self.counters.see(health);
     }
 
     /// What has been counted so far.
@@ -75,9 +61,9 @@ impl Losses {
         let unseen: u64 = self.segmenter.iter().flatten().map(|u| u.lost).sum();
         let mut by_reason: BTreeMap<String, u64> = self
             .counters
-            .iter()
-            .filter(|(name, counted)| counted.total > 0 && is_loss(name))
-            .map(|(name, counted)| (name.clone(), counted.total))
+            .grown()
+            .filter(|(name, _)| is_loss(name))
+            .map(|(name, total)| (name.to_owned(), total))
             .collect();
         for (reason, count) in [("not_published", self.not_published), ("not_segmented", unseen)] {
             if count > 0 {

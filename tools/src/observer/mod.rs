@@ -4,9 +4,12 @@
 mod latency;
 mod losses;
 mod observe;
+mod silence;
 mod tally;
+mod totals;
 
 pub use latency::{Latencies, LatencyReport};
 pub use losses::{FrameReport, Losses};
 pub use observe::{Observed, Observer};
+pub use silence::SilenceWatch;
 pub use tally::Tally;

@@ -12,4 +12,4 @@ mod supervise;
 
 pub use backoff::Backoff;
 pub use child::{Launch, LaunchError};
-pub use supervise::{Happening, Supervisor};
+pub use supervise::{ChildStatus, Happening, Phase, Supervisor};
