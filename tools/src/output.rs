@@ -1,5 +1,7 @@
 //! Files that a command writes: never over what it reads, and whole or not at all.
 
+mod part;
+
 use std::{
     fs::{self, File, Permissions},
     io::{self, Write as _},
@@ -115,12 +117,7 @@ impl Plan {
             // The system takes off what the user's mask says.
             Err(_) => Permissions::from_mode(0o666),
         };
-        let part = tempfile::Builder::new()
-            .prefix(".netcord-")
-            .suffix(".part")
-            .permissions(permissions)
-            .tempfile_in(folder_of(&to))
-            .map_err(failed)?;
+        let part = part::create(folder_of(&to), permissions).map_err(failed)?;
         self.outputs.push(identity);
         Ok(Output { path: path.to_owned(), target: Target::Beside { part, to } })
     }
