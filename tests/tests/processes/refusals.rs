@@ -59,6 +59,9 @@ fn arguments_that_cannot_be_meant_are_refused_before_anything_runs() {
         (vec!["control", "--rig", &rig, "exposure", "-5"], "1 to 1000000 microseconds"),
         (vec!["predict", "--evaluate", &rig, "--sigma", "nan"], "to 1 metres"),
         (vec!["predict", "--evaluate", &rig, "--hitting-plane-y-m", "1"], "cannot be used with"),
+        (vec!["predict", "--rig", &rig, "--sigma", "0.001"], "--sigma is for recorded flights"),
+        (vec!["predict", "--rig", &rig, "--table-z", "0.76"], "--table-z is for recorded flights"),
+        (vec!["predict", "--rig", &rig, "--report", &out], "--report is for recorded flights"),
         (vec!["rig", "export", &rig, "--format", "json", "--out", &rig], "is read by this command"),
     ] {
         let ended = lab.start(&arguments).wait();

@@ -74,6 +74,25 @@ impl Args {
         Ok(options)
     }
 
+    /// Live, nothing must look as if it had an effect.
+    fn refuse_unused(&self) -> Result<(), String> {
+        let given = [
+            ("--sigma", self.sigma.is_some(), "every position brings its own covariance"),
+            ("--table-z", self.table_z.is_some(), "the rig file says where the table is"),
+            (
+                "--report",
+                self.report.is_some(),
+                "`netcord latency` and `netcord record` report on a live rig",
+            ),
+        ];
+        match given.into_iter().find(|(_, given, _)| *given) {
+            Some((name, _, live)) => {
+                Err(format!("{name} is for recorded flights, with --evaluate or --fit; live, {live}"))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// What is written replaces nothing that is read.
     fn check_outputs(&self) -> Result<(), Box<dyn Error>> {
         let mut read = files::listed(&[self.evaluate.as_slice(), &self.fit].concat())?;
@@ -99,6 +118,7 @@ pub fn run(args: &Args) -> CommandResult {
             fit::Outputs { report: args.report.as_deref(), rig: args.write.as_deref(), force: args.force };
         return fit::run(&sets, &args.evaluate_options()?, args.sigma, outputs);
     }
+    args.refuse_unused()?;
     let rig = args.rig.clone().ok_or("no rig: give its file with --rig RIG.toml")?;
     let rig = RigArgs { rig, domain: args.domain.clone() };
     let options = PredictOptions { hitting_plane_y_m: args.hitting_plane_y_m };
