@@ -70,7 +70,12 @@ fn vector(size: (u32, u32), painter: &impl Painter) -> Result<String, String> {
     Ok(text)
 }
 
-fn rasterised<P: Painter>(size: (u32, u32), painter: &P) -> Result<Picture, String> {
+/// The plot as a picture.
+///
+/// # Errors
+/// What the backend reports.
+pub fn rasterised<P: Painter>(size: (u32, u32), painter: &P) -> Result<Picture, String> {
+    register_fonts();
     let size_px = (size.0 as usize, size.1 as usize);
     let mut pixels = vec![0; size_px.0 * size_px.1 * Channels::Rgb.count()];
     {
@@ -78,6 +83,17 @@ fn rasterised<P: Painter>(size: (u32, u32), painter: &P) -> Result<Picture, Stri
         painter.paint(&area).and_then(|()| area.present()).map_err(|e| e.to_string())?;
     }
     Picture::new(size_px, Channels::Rgb, pixels).ok_or_else(|| "it has no pixels".to_owned())
+}
+
+/// Round values for a logarithmic axis from `low` to `high`, both above 0: powers of ten, and twice and five times
+/// those where fewer than three decades leave room. The library's own ticks are too few on short axes.
+pub fn log_ticks(low: f64, high: f64) -> Vec<f64> {
+    let steps: &[f64] = if high / low < 1000.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let decades = low.log10().floor() as i32..=high.log10().floor() as i32;
+    // Read from its digits, a value is the nearest there is, and prints as them.
+    let value = |step: f64, decade: i32| format!("{step}e{decade}").parse().unwrap_or(step);
+    let all = decades.flat_map(|decade| steps.iter().map(move |step| value(*step, decade)));
+    all.filter(|v| (low..=high).contains(v)).collect()
 }
 
 /// Something that can be painted on any backend.
@@ -90,4 +106,17 @@ pub trait Painter {
         &self,
         area: &DrawingArea<B, Shift>,
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_logarithmic_axis_has_ticks_too() {
+        assert_eq!(log_ticks(0.3, 4.0), [0.5, 1.0, 2.0]);
+        assert_eq!(log_ticks(0.01, 5.0), [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0]);
+        assert_eq!(log_ticks(0.5, 2000.0), [1.0, 10.0, 100.0, 1000.0]);
+        assert!(log_ticks(0.25, 0.4).is_empty(), "no round value lies there");
+    }
 }

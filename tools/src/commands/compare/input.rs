@@ -18,13 +18,13 @@ use plotters::{
     coord::{Shift, combinators::IntoLogRange},
     drawing::{DrawingArea, DrawingAreaErrorKind},
     element::PathElement,
-    prelude::DrawingBackend,
+    prelude::{BindKeyPoints, DrawingBackend},
     series::LineSeries,
-    style::{Color as _, RGBColor, ShapeStyle, WHITE},
+    style::{Color as _, RGBColor, ShapeStyle, TRANSPARENT, WHITE},
 };
 use serde::Serialize;
 
-use crate::plot::{self, FONT, Painter, PlotError};
+use crate::plot::{self, FONT, Painter, PlotError, log_ticks};
 
 /// Frames in which background and colour are learnt; they are not judged.
 const WARM_UP: u64 = 30;
@@ -212,11 +212,17 @@ impl Painter for InputPlot<'_> {
                 .margin(12)
                 .x_label_area_size(38)
                 .y_label_area_size(60)
-                .build_cartesian_2d((AXIS_PX.0..AXIS_PX.1).log_scale(), 0.0..100.0)?;
+                .build_cartesian_2d(
+                    (AXIS_PX.0..AXIS_PX.1).log_scale().with_key_points(log_ticks(AXIS_PX.0, AXIS_PX.1)),
+                    0.0..100.0,
+                )?;
             chart
                 .configure_mesh()
                 .x_desc("error of the centre, px")
                 .y_desc("balls found to within it, %")
+                .x_label_formatter(&|px| format!("{px}"))
+                .y_label_formatter(&|percent| format!("{percent:.0}"))
+                .light_line_style(TRANSPARENT)
                 .label_style((FONT, 15))
                 .draw()?;
             for (row, colour) in rows.iter().zip(COLOURS) {
@@ -230,7 +236,8 @@ impl Painter for InputPlot<'_> {
             }
             chart
                 .configure_series_labels()
-                .position(SeriesLabelPosition::UpperLeft)
+                // Where the curves are high.
+                .position(SeriesLabelPosition::LowerRight)
                 .label_font((FONT, 15))
                 .background_style(WHITE.mix(0.8))
                 .draw()?;
