@@ -353,7 +353,8 @@ fn redo(check: &Check, limits: &Limits) -> Vec<String> {
     for c in check.cameras.iter().filter(bad_own) {
         let own = c.own_px.map_or(0.0, |s| s.median);
         advice.push(format!(
-            "camera {}: its intrinsics no longer fit ({own:.2} px by itself): was the lens turned or focused? Run `netcord calib mono`",
+            "camera {}: its intrinsics no longer fit ({own:.2} px by itself): was the lens turned or \
+             focused? Run `netcord calib mono`",
             c.camera
         ));
     }
@@ -374,7 +375,8 @@ fn redo(check: &Check, limits: &Limits) -> Vec<String> {
             None => {
                 let names: Vec<String> = bad.iter().map(|p| p.cameras.join(" and ")).collect();
                 advice.push(format!(
-                    "{}: up to {worst:.2} px off the epipolar lines; a camera has moved, or they are not synchronised. Run `netcord calib rig`",
+                    "{}: up to {worst:.2} px off the epipolar lines; a camera has moved, or they are not \
+                     synchronised. Run `netcord calib rig`",
                     names.join("; ")
                 ));
             }
@@ -388,20 +390,23 @@ fn redo(check: &Check, limits: &Limits) -> Vec<String> {
         .collect::<Vec<_>>();
     if bad.is_empty() && !poses_off.is_empty() {
         advice.push(format!(
-            "cameras {}: boards are off along the epipolar lines: a lens, or the distance between cameras, has changed. Run `netcord calib mono`, then `netcord calib rig`",
+            "cameras {}: boards are off along the epipolar lines: a lens, or the distance between cameras, has \
+             changed. Run `netcord calib mono`, then `netcord calib rig`",
             poses_off.join(", ")
         ));
     }
     if let Some(off) = check.board_scale_error.filter(|off| off.abs() > limits.length) {
         advice.push(format!(
-            "lengths on the board come out {:+.2} % wrong: was a board of another size given now, or at calibration? Measure its ruler, run `netcord calib rig`",
+            "lengths on the board come out {:+.2} % wrong: was a board of another size given now, or at \
+             calibration? Measure its ruler, run `netcord calib rig`",
             100.0 * off
         ));
     }
     if let Some(rod) = &check.rod {
         if rod.scale_error.abs() > limits.length {
             advice.push(format!(
-                "the rod comes out {:+.2} % wrong ({:.1} mm instead of {:.1} mm): the rig's scale is wrong. Measure the board's ruler, run `netcord calib rig`",
+                "the rod comes out {:+.2} % wrong ({:.1} mm instead of {:.1} mm): the rig's scale is \
+                 wrong. Measure the board's ruler, run `netcord calib rig`",
                 100.0 * rod.scale_error,
                 rod.median_m * 1e3,
                 rod.length_m * 1e3

@@ -62,12 +62,16 @@ pub enum Rejection {
     },
     /// Nobody knows which corners these are.
     #[error(
-        "the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show all of it"
+        "the chessboard is partly covered, so that its corners cannot be numbered; use a board with markers, or show \
+         all of it"
     )]
     Unanchored,
     /// In no picture of this camera is the whole chessboard seen.
     #[error(
-        "in no picture is the whole {wanted} seen; the largest part has {} × {} inner corners: is that the board's size?", .seen.0, .seen.1
+        "in no picture is the whole {wanted} seen; the largest part has {} × {} inner corners: is that \
+         the board's size?",
+        .seen.0,
+        .seen.1
     )]
     NeverWhole {
         /// The board looked for.

@@ -149,13 +149,4 @@ impl Browser {
         self.value("0");
         &self.complaints
     }
-
-    /// What the window shows, as PNG, base64.
-    ///
-    /// # Panics
-    /// When Chromium gives no picture.
-    pub fn screenshot(&mut self) -> String {
-        let result = self.call("Page.captureScreenshot", json!({ "format": "png" }));
-        result["data"].as_str().expect("a picture").to_owned()
-    }
 }

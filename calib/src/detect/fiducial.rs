@@ -191,8 +191,8 @@ pub(super) fn recover(image: &Luma, markers: &mut Vec<Marker>, board: &Calibrati
     markers.sort_by_key(|m| m.id);
 }
 
-/// Standard deviations that a corner of a marker may be off: a marker is fitted wherever its pattern can be read, whatever
-/// lies over its edges.
+/// Standard deviations that a corner of a marker may be off: a marker is fitted wherever its pattern can be read,
+/// whatever lies over its edges.
 const MARKER_SIGMAS: f64 = 3.0;
 
 /// Corners of an ArUco grid board: those of its markers, refined by their edges.

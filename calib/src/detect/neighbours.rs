@@ -7,7 +7,8 @@ use crate::solve::{apply_homography, homography};
 
 /// Furthest from where the others put it, in px; or in robust standard deviations of all corners, whichever is more.
 const FLOOR_PX: f64 = 1.0;
-/// Standard deviations that a corner of a chessboard or ChArUco board may be off: a saddle that was found is seldom wrong.
+/// Standard deviations that a corner of a chessboard or ChArUco board may be off: a saddle that was found is seldom
+/// wrong.
 pub(super) const MISFIT_SIGMAS: f64 = 6.0;
 /// Fewest corners for which the lens is modelled; below, a board covers too little of the picture for it
 /// to matter beyond [`SMALL_SHARE`].

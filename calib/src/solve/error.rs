@@ -53,8 +53,8 @@ pub enum CalibrationError {
     },
     /// Not enough views.
     #[error(
-        "camera {camera}: too few usable views: {found}; at least {needed} that differ from each other are needed, better 10 to \
-         30 at many tilts"
+        "camera {camera}: too few usable views: {found}; at least {needed} that differ from each other are needed, \
+         better 10 to 30 at many tilts"
     )]
     TooFewViews {
         /// The camera.
@@ -76,8 +76,8 @@ pub enum CalibrationError {
     },
     /// All views show the board alike.
     #[error(
-        "camera {camera}: all views show the board at the same tilt (they differ by {spread_deg:.1}°), which leaves the \
-         focal length undetermined; tilt the board by 20° to 45° in different directions"
+        "camera {camera}: all views show the board at the same tilt (they differ by {spread_deg:.1}°), which leaves \
+         the focal length undetermined; tilt the board by 20° to 45° in different directions"
     )]
     Alike {
         /// The camera.
@@ -101,7 +101,8 @@ pub enum CalibrationError {
     },
     /// The iteration came to no end.
     #[error(
-        "camera {camera}: the calibration did not converge (RMS {rms_px:.2} px); most likely corners are mixed up or the board's size is wrong"
+        "camera {camera}: the calibration did not converge (RMS {rms_px:.2} px); most likely corners are mixed up or \
+         the board's size is wrong"
     )]
     NotConverged {
         /// The camera or cameras.
@@ -111,7 +112,8 @@ pub enum CalibrationError {
     },
     /// A point of a view that the solved camera cannot see.
     #[error(
-        "camera {camera}, view {view}: a corner lies where the lens found has no image; most likely corners of this view are mixed up: leave it out"
+        "camera {camera}, view {view}: a corner lies where the lens found has no image; most likely corners of \
+         this view are mixed up: leave it out"
     )]
     NoImage {
         /// The camera.
@@ -121,7 +123,8 @@ pub enum CalibrationError {
     },
     /// Cameras without common views.
     #[error(
-        "camera {camera} shares no usable view with {others}, not even through other cameras: show one board to both at once"
+        "camera {camera} shares no usable view with {others}, not even through other cameras: show one board to \
+         both at once"
     )]
     NotConnected {
         /// The camera that is alone.

@@ -469,8 +469,8 @@ fn adjust_wand(
     Some(())
 }
 
-/// Bundle adjustment over poses, points and the intrinsics that are free, whose models it returns; with camera `reference` held and one coordinate of the scale
-/// left to the damping.
+/// Bundle adjustment over poses, points and the intrinsics that are free, whose models it returns; with camera
+/// `reference` held and one coordinate of the scale left to the damping.
 fn adjust(
     cameras: &[MovingPoints],
     members: &[usize],

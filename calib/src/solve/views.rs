@@ -217,7 +217,8 @@ mod tests {
 
     #[test]
     fn a_corner_file_keeps_its_order_and_names_what_does_not_fit() {
-        let text = r#"{"cameras":{"right":{"size":[640,480],"views":{"b":{"object":[[0,0,0]],"image":[[1,2]]},"a":{"object":[],"image":[]}}},
+        let text = r#"{"cameras":{"right":{"size":[640,480],"views":{
+            "b":{"object":[[0,0,0]],"image":[[1,2]]},"a":{"object":[],"image":[]}}},
             "left":{"size":[640,480],"views":{}}}}"#;
         let cameras = read_corners(text).expect("valid");
         assert_eq!(cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["right", "left"]);

@@ -91,8 +91,8 @@ pub struct TableCalibration {
 pub enum TableError {
     /// Too little to go by.
     #[error(
-        "{marks} marks ({places} different places) and {bounces} bounces do not settle the table's pose: give four marks in one \
-         camera, or three that two cameras see, or a table pose to start from"
+        "{marks} marks ({places} different places) and {bounces} bounces do not settle the table's pose: give four \
+         marks in one camera, or three that two cameras see, or a table pose to start from"
     )]
     TooFew {
         /// Sightings of marks.
@@ -104,18 +104,20 @@ pub enum TableError {
     },
     /// The marks lie on a line, or all bounces do.
     #[error(
-        "the table's pose is not determined: all marks and bounces lie on one line, or in one spot; add marks at other corners"
+        "the table's pose is not determined: all marks and bounces lie on one line, or in one spot; add marks \
+         at other corners"
     )]
     Degenerate,
     /// The table would be seen from below.
     #[error(
-        "by these marks the cameras look at the table from below: they run the wrong way round. Seen from above, x+ is to the right of          x- when y+ is ahead"
+        "by these marks the cameras look at the table from below: they run the wrong way round. Seen \
+         from above, x+ is to the right of x- when y+ is ahead"
     )]
     UpsideDown,
     /// The measurements contradict each other.
     #[error(
-        "the marks contradict each other: {rms_px:.1} px RMS; the worst is {worst}. Marks are named by the signs of the table's x and y: \
-         two of them may be exchanged, or the table's long and short sides"
+        "the marks contradict each other: {rms_px:.1} px RMS; the worst is {worst}. Marks are named by the signs of \
+         the table's x and y: two of them may be exchanged, or the table's long and short sides"
     )]
     Contradiction {
         /// RMS, px.
