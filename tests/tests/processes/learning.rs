@@ -1,9 +1,10 @@
 //! `segment --learn`: from marked frames to a ball that is found by its learnt colour.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use image::{Rgb, RgbImage};
-use netcord_tests::{Ended, Lab};
+use netcord_capture::recording::Footage;
+use netcord_tests::{Ended, Lab, one_at_a_time};
 use serde_json::{Value, json};
 use toml_edit::DocumentMut;
 
@@ -156,6 +157,73 @@ fn marks_of_every_kind_teach_a_colour_by_which_the_ball_is_found() {
         album.run(&["segment", "--learn", &album.path("pictures"), "--rig", &album.path("beside.toml")]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);
     assert!(has_learnt_colour(&album.lab.path("beside.toml")));
+}
+
+/// Centre and score of each box, by stamp and camera.
+type Boxes = BTreeMap<(u64, String), Vec<([f64; 2], f64)>>;
+
+/// Those of a table of detections.
+fn boxes(table: &Path) -> Boxes {
+    let mut boxes = Boxes::new();
+    for row in fs::read_to_string(table).expect("detections").lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let number = |i: usize| cells[i].parse::<f64>().expect("a number");
+        let key = (cells[0].parse().expect("a stamp"), cells[1].to_owned());
+        boxes.entry(key).or_default().push(([number(2), number(3)], number(8)));
+    }
+    boxes
+}
+
+#[test]
+fn a_recordings_own_truth_teaches_the_ball() {
+    let _turn = one_at_a_time();
+    let lab = Lab::new();
+    let rig = lab.synthetic_rig(10.0, &[]).display().to_string();
+    let [film, learnt, report, table] = ["film.mcap", "learnt.toml", "report.json", "found.csv"]
+        .map(|name| lab.path(name).display().to_string());
+    let capture = lab.start(&["capture", "--rig", &rig, "--scene", "clean", "--seed", "3"]);
+    // What the recorder misses on a busy machine is not learnt from.
+    let recorded = lab.start(&["record", &film, "--truth", "--rig", &rig, "--seconds", "5"]).wait();
+    assert!(matches!(recorded.code, Some(0 | 1)), "{}", recorded.err);
+    capture.stop();
+
+    let ended = lab.start(&["segment", "--learn", &film, "--rig", &learnt, "--report", &report]).wait();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert!(has_learnt_colour(Path::new(&learnt)));
+    let text = fs::read_to_string(report).expect("a report");
+    let report: Value = serde_json::from_str(&text).expect("JSON");
+    for camera in report["cameras"].as_array().expect("cameras") {
+        assert!(camera["balls"].as_u64().expect("a number") >= 10, "{camera}");
+        let area = camera["separation"]["area"].as_f64().expect("a number");
+        assert!(area > 0.95, "the colour tells the ball: {area}");
+    }
+
+    // By what was learnt the ball is found where it truly was.
+    let fixed = ["process", &film, "--single-frames", "--rig", &learnt, "--detections", &table];
+    let processed = lab.start(&fixed).wait();
+    assert!(matches!(processed.code, Some(0 | 1)), "{}", processed.err);
+    let footage = Footage::open(Path::new(&film)).expect("a recording");
+    let (found, seen) = balls_found(&footage, &boxes(Path::new(&table)));
+    assert!(seen >= 20 && 2 * found > seen, "{found} of {seen} balls");
+}
+
+/// In how many of a recording's frames the ball is found within 2 px of where it truly is, and in how many it is to be
+/// seen.
+fn balls_found(footage: &Footage, boxes: &Boxes) -> (usize, usize) {
+    let (mut found, mut seen) = (0, 0);
+    for truth in footage.truth.iter().filter(|truth| truth.present) {
+        for (camera, view) in truth.cameras.iter().filter(|(_, view)| view.visible > 0.9) {
+            let frames = footage.cameras.iter().find(|c| c.name.as_str() == camera);
+            if !frames.is_some_and(|c| c.frames.iter().any(|frame| frame.stamp_ns == truth.t_ns)) {
+                continue;
+            }
+            let near = |[u, v]: [f64; 2]| (u - view.u_px).hypot(v - view.v_px) < 2.0;
+            let here = boxes.get(&(truth.t_ns, camera.clone())).map_or(&[][..], Vec::as_slice);
+            seen += 1;
+            found += usize::from(here.iter().any(|(at, score)| near(*at) && *score >= 0.5));
+        }
+    }
+    (found, seen)
 }
 
 #[test]
