@@ -1,17 +1,18 @@
 use super::{
     blobs::Blob,
+    size::BallSize,
     sphere::Place,
     sweep::{MIN_LENGTH_PX, Sweep},
 };
 
-/// Smallest and largest diameter that is looked for, px.
-pub const DIAMETER_PX: (f32, f32) = (3.0, 75.0);
 /// Longest path during one exposure that is looked for, px.
 pub const LONGEST_PATH_PX: f32 = 150.0;
 
 /// The widest and highest blob of a ball, in cells of 2 px: wide lenses stretch, and marks are broader than the ball
 /// by what touches a cell.
-pub const MOST_CELLS: u16 = (1.3 * (DIAMETER_PX.1 + LONGEST_PATH_PX) / 2.0) as u16;
+pub fn most_cells(ball: &BallSize) -> u16 {
+    (1.3 * (ball.most_px + LONGEST_PATH_PX) / 2.0) as u16
+}
 
 /// Fewest cells of a candidate: a ball of 4 px covers three.
 const LEAST_CELLS: u32 = 3;
@@ -21,6 +22,9 @@ const RAGGED: f64 = 0.12;
 
 /// What is left of the rank of something slow: more balls lie about than fly, but those that fly count.
 const SLOW_SHARE: f32 = 0.5;
+
+/// Usual diameter of the ball from which on whatever is small or thin is none, px.
+const ENOUGH_PX: f32 = 12.0;
 
 /// A blob seen as a swept disc.
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +39,8 @@ pub struct Start {
     pub colour: f32,
     /// Whether something was here in the last frame already, or rolls past.
     pub slow: bool,
+    /// Diameter of the ball over the table's middle, px.
+    pub usual_px: f32,
 }
 
 impl Start {
@@ -49,10 +55,11 @@ impl Start {
     }
 
     /// How much it deserves to be looked at, 0–1: noise makes small blobs, and edges of what moves make thin
-    /// ones.
+    /// ones. Where the ball itself is small, so are those.
     pub fn rank(&self) -> f32 {
-        let size = (self.sweep.area() / 40.0).min(1.0);
-        let width = ((self.sweep.radius - 0.9) / 1.2).clamp(0.1, 1.0);
+        let share = (self.usual_px / ENOUGH_PX).clamp(0.25, 1.0);
+        let size = (self.sweep.area() / (40.0 * share * share)).min(1.0);
+        let width = ((self.sweep.radius - 0.9) / (1.2 * share)).clamp(0.1, 1.0);
         self.likeness * size * width * self.colour * if self.slow { SLOW_SHARE } else { 1.0 }
     }
 }
@@ -69,7 +76,7 @@ pub fn centre_px(blob: &Blob) -> [f64; 2] {
 }
 
 /// The swept disc with the blob's moments; `scale` is the grid's; none where no ball has such.
-pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
+pub fn start(blob: &Blob, scale: usize, place: &Place, ball: &BallSize) -> Option<Start> {
     let rectifier = place.rectifier;
     // Pixels of the frame to a cell's side.
     let cell_px = 2.0 / scale as f64;
@@ -93,12 +100,12 @@ pub fn start(blob: &Blob, scale: usize, place: &Place) -> Option<Start> {
         length: (length as f32).max(MIN_LENGTH_PX),
         angle: angle as f32,
     };
-    if sweep.radius > 0.6 * DIAMETER_PX.1 || sweep.length > 1.3 * LONGEST_PATH_PX {
+    if sweep.radius > 0.6 * ball.most_px || sweep.length > 1.3 * LONGEST_PATH_PX {
         return None;
     }
     let marked = (cell_px * cell_px) as f32 * blob.cells as f32;
     let grown = Sweep { radius: sweep.radius + 0.5, ..sweep };
     let ratio = marked / grown.area();
     let likeness = (-((ratio.ln() / 0.5).powi(2))).exp();
-    Some(Start { place: *place, sweep, likeness, colour: 1.0, slow: false })
+    Some(Start { place: *place, sweep, likeness, colour: 1.0, slow: false, usual_px: ball.usual_px })
 }

@@ -223,8 +223,9 @@ impl ColourModel {
         self.marked.map(|marked| marked.diameter_px)
     }
 
-    /// How well levels R, G, B fit the ball, 0–1: the density of the nearest model, 1 at its mean.
-    pub fn likeness(&self, light: &SceneLight, rgb: [f32; 3]) -> f32 {
+    /// How well levels R, G, B fit the ball, 0–1: the density of the nearest model, 1 at its mean; `unsure`
+    /// is how far off the levels may be, one standard deviation, DN.
+    pub fn likeness(&self, light: &SceneLight, rgb: [f32; 3], unsure: [f32; 3]) -> f32 {
         if let Some(marked) = self.marked() {
             return marked.likeness(rgb);
         }
@@ -232,7 +233,7 @@ impl ColourModel {
             return 1.0;
         }
         let place = place(rgb);
-        let doubt = doubt(rgb);
+        let doubt = doubt(rgb, unsure);
         self.models(light.grey)
             .map(|model| {
                 let d2 = (0..2)
@@ -269,9 +270,13 @@ const CONFIDENT: u32 = 12;
 /// What a ball's levels are off by, DN: black levels, what the lens scatters, and what the fit takes for background.
 const LEVEL_SIGMA: f32 = 1.5;
 
-/// Variance of a place by that: the logarithm of a few levels says little. Blue of an orange ball is such.
-fn doubt(rgb: [f32; 3]) -> [f32; 2] {
-    let [red, green, blue] = rgb.map(|x| (LEVEL_SIGMA / (x.max(0.0) + 1.0)).powi(2));
+/// Variance of a place by that and by what the levels are `unsure` by, DN: the logarithm of a few levels says little.
+/// Blue of an orange ball is such.
+fn doubt(rgb: [f32; 3], unsure: [f32; 3]) -> [f32; 2] {
+    let [red, green, blue] = std::array::from_fn(|i| {
+        let sigma = LEVEL_SIGMA.hypot(unsure[i]);
+        (sigma / (rgb[i].max(0.0) + 1.0)).powi(2)
+    });
     [red + green, blue + green]
 }
 
@@ -300,15 +305,19 @@ mod tests {
     fn a_level_or_two_of_nearly_no_blue_are_no_other_colour_but_a_share_of_much_is() {
         let light = SceneLight::default();
         let dim = learnt([60.0, 33.0, 7.0]);
-        assert!(dim.likeness(&light, [60.0, 33.0, 7.0]) > 0.99);
+        assert!(dim.likeness(&light, [60.0, 33.0, 7.0], [0.0; 3]) > 0.99);
         // Blue at 3 of 33: what a fit is off by.
-        assert!(dim.likeness(&light, [60.0, 33.0, 3.0]) > 0.6);
+        assert!(dim.likeness(&light, [60.0, 33.0, 3.0], [0.0; 3]) > 0.6);
         // The same ratios where levels are well known.
         let bright = learnt([240.0, 132.0, 31.0]);
-        assert!(bright.likeness(&light, [240.0, 132.0, 15.0]) < 0.35);
+        assert!(bright.likeness(&light, [240.0, 132.0, 15.0], [0.0; 3]) < 0.35);
         // Grey and green are no orange however dim it is.
         for other in [[33.0, 33.0, 33.0], [25.0, 42.0, 32.0], [12.0, 12.0, 12.0]] {
-            assert!(dim.likeness(&light, other) < 0.15, "{other:?}: {}", dim.likeness(&light, other));
+            assert!(
+                dim.likeness(&light, other, [0.0; 3]) < 0.15,
+                "{other:?}: {}",
+                dim.likeness(&light, other, [0.0; 3])
+            );
         }
     }
 }

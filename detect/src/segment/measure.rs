@@ -5,11 +5,12 @@ use netcord_common::{Channel, FrameView, PixelFormat};
 
 use super::{
     background::Background,
-    candidate::{DIAMETER_PX, LONGEST_PATH_PX, Start},
+    candidate::{LONGEST_PATH_PX, Start},
     fit::{Fit, Prior, fit, fit_again},
     grid::Grid,
     noise::Noise,
     patch::{CHANNELS, MAX_SAMPLES, Patch, Rectifier, Sample, margin, near},
+    size::LEAST_DIAMETER_PX,
     sphere::Place,
     sweep::Sweep,
     verdict::Verdict,
@@ -33,6 +34,8 @@ pub struct Scene<'a> {
     pub grid: Grid,
     /// What is behind.
     pub behind: Behind<'a>,
+    /// Largest diameter of a ball, px.
+    pub most_px: f32,
 }
 
 /// A measured candidate.
@@ -63,6 +66,9 @@ const GLANCE_SAMPLES: usize = 400;
 const WORTH_MORE_PX: f64 = 0.03;
 /// Looks again at most.
 const MAX_LOOKS: usize = 1;
+/// How often a streak is followed beyond its ends, and what may be left of it unexplained then.
+const MAX_EXTENSIONS: usize = 2;
+const WHOLE_MISFIT: f32 = 0.2;
 /// Mean robust square residual of a fit that is not worth a second look.
 const POOR_CHI2: f32 = 3.0;
 
@@ -167,6 +173,37 @@ impl Scene<'_> {
         Some(self.judge(patch, start.place, found, light))
     }
 
+    /// Measures along all of a streak of which only a part has been measured: where its contrast is low, the marks
+    /// of one streak are several. The same where it does not go on, goes on as no ball does, or farther than
+    /// `allows` says; `patch` holds the pixels of what is given back.
+    pub fn follow(
+        &self,
+        patch: &mut Patch,
+        glanced: Measured,
+        prior: &Prior,
+        allows: impl Fn(&Sweep) -> bool,
+    ) -> Measured {
+        let mut best = glanced;
+        for _ in 0..MAX_EXTENSIONS {
+            let Some(longer) = self.beyond(&best).filter(&allows) else { break };
+            let found = self.settle(patch, &best.place.rectifier, longer, None, prior, GLANCE_SAMPLES);
+            let whole = found
+                .filter(|found| found.sweep.length > best.fit.sweep.length)
+                .map(|found| self.judge(patch, best.place, found, &best.light))
+                .filter(|whole| {
+                    whole.verdict.signal > best.verdict.signal
+                        && whole.verdict.misfit < best.verdict.misfit.max(WHOLE_MISFIT)
+                });
+            let Some(whole) = whole else {
+                // The pixels of the last one that held.
+                self.gather(patch, &best.place.rectifier, &best.fit.sweep, GLANCE_SAMPLES);
+                break;
+            };
+            best = whole;
+        }
+        best
+    }
+
     /// Measures again, as well as the pixels allow: all of them where some leave the centre uncertain, and with
     /// the light turned to where they show it. The same where nothing better can be had.
     pub fn refine(&self, patch: &mut Patch, glanced: Measured, prior: &Prior) -> Measured {
@@ -189,7 +226,7 @@ impl Scene<'_> {
             let turned = place.turned(&light, turn);
             patch.light = place.light(&turned);
             match fit_again(patch, &found, prior, &contrasts(patch, &found.sweep)) {
-                Some(better) if better.chi2 <= found.chi2 && in_bounds(&better.sweep) => {
+                Some(better) if better.chi2 <= found.chi2 && in_bounds(&better.sweep, self.most_px) => {
                     (found, light) = (better, turned);
                 }
                 _ => patch.light = place.light(&light),
@@ -217,7 +254,7 @@ impl Scene<'_> {
                 Some(before) => fit_again(patch, before, prior, &typical),
                 None => fit(patch, sweep, prior, &typical),
             }?;
-            if !in_bounds(&found.sweep) {
+            if !in_bounds(&found.sweep, self.most_px) {
                 return None;
             }
             let shift =
@@ -248,9 +285,9 @@ impl Scene<'_> {
     }
 }
 
-fn in_bounds(sweep: &Sweep) -> bool {
+fn in_bounds(sweep: &Sweep, most_px: f32) -> bool {
     let diameter = 2.0 * sweep.radius;
-    (DIAMETER_PX.0..=DIAMETER_PX.1).contains(&diameter)
+    (LEAST_DIAMETER_PX..=most_px).contains(&diameter)
         && sweep.length <= LONGEST_PATH_PX
         && sweep.centre.iter().all(|c| c.is_finite())
 }

@@ -13,6 +13,7 @@ mod colour;
 mod demosaic;
 mod describe;
 mod fit;
+mod follow;
 mod foreground;
 mod grid;
 pub mod kernel;
@@ -30,6 +31,7 @@ mod scene;
 mod score;
 mod segmenter;
 mod singles;
+mod size;
 mod sphere;
 mod sweep;
 #[cfg(test)]

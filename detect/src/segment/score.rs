@@ -1,4 +1,4 @@
-use super::{measure::Measured, outline::Outline};
+use super::{measure::Measured, outline::Outline, size::BallSize};
 
 /// Score from which on a candidate is taken for the ball in play, until other cameras know better.
 pub const SCORE_THRESHOLD: f64 = 0.5;
@@ -21,8 +21,9 @@ const LEAST_RED: f32 = 0.58;
 /// of the odds (chosen, not fitted).
 const DARK: f32 = 8.0;
 
-/// How much a measured candidate looks like the ball in play, 0–1; `likeness` is its colour's.
-pub fn score(measured: &Measured, likeness: f32) -> f64 {
+/// How much a measured candidate looks like the ball in play, 0–1; `likeness` is its colour's, `ball` the size
+/// of balls in its camera.
+pub fn score(measured: &Measured, likeness: f32, ball: &BallSize) -> f64 {
     let shape = 1.0 / (1.0 + (measured.verdict.misfit / HALF_MISFIT).powi(4));
     let signal = {
         let s = (measured.verdict.signal / HALF_SIGNAL).powi(2);
@@ -32,7 +33,8 @@ pub fn score(measured: &Measured, likeness: f32) -> f64 {
     let alone = 1.0 - 0.6 * ((measured.verdict.clutter - 0.25) / 0.6).clamp(0.0, 1.0);
     let whole = 1.0 - 0.6 * ((measured.verdict.hidden - 0.1) / 0.5).clamp(0.0, 1.0);
     let diameter = 2.0 * measured.fit.sweep.radius;
-    let size = ((diameter - 2.8) / 1.0).clamp(0.0, 1.0) * ((76.0 - diameter) / 10.0).clamp(0.0, 1.0);
+    let size =
+        ((diameter - 2.8) / 1.0).clamp(0.0, 1.0) * ((ball.most_px + 1.0 - diameter) / 10.0).clamp(0.0, 1.0);
     let colour = likeness.powf(0.8);
     let shadow = if is_shadow(measured) { 0.3 } else { 1.0 };
     let gone = if is_gone(measured) { 0.1 } else { 1.0 };

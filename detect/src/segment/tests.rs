@@ -6,6 +6,7 @@ use netcord_common::{
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
+use super::SCORE_THRESHOLD;
 use super::scene::{Backdrop, Cover, Flight, Stage, Style};
 
 /// Result of a run over many single balls.
@@ -21,6 +22,11 @@ struct Report {
 }
 
 impl Report {
+    /// How many were found, but not taken for a ball.
+    fn doubted(&self) -> usize {
+        self.scores.iter().filter(|score| **score < SCORE_THRESHOLD).count()
+    }
+
     fn rms(&self) -> f64 {
         (self.errors.iter().map(|e| e[0] * e[0] + e[1] * e[1]).sum::<f64>()
             / (2.0 * self.errors.len() as f64))
@@ -88,9 +94,19 @@ impl Report {
     }
 }
 
-/// Balls at random places, one per frame.
+/// Balls at random places, one per frame, blurred by up to `blur` px.
 fn run(style: &Style, colour: BallColour, seed: u64, n: usize, diameters: (f64, f64), blur: f64) -> Report {
-    let mut stage = Stage::new(style.clone(), seed);
+    run_in(Stage::new(style.clone(), seed), colour, seed, n, diameters, (0.0, blur))
+}
+
+fn run_in(
+    mut stage: Stage,
+    colour: BallColour,
+    seed: u64,
+    n: usize,
+    diameters: (f64, f64),
+    blurs: (f64, f64),
+) -> Report {
     let mut segmenter = stage.warmed(colour, 30);
     let mut rng = Pcg64Mcg::seed_from_u64(seed + 100);
     let mut report = Report::default();
@@ -98,7 +114,7 @@ fn run(style: &Style, colour: BallColour, seed: u64, n: usize, diameters: (f64, 
     for _ in 0..n {
         let place = [rng.random_range(90.0..550.0), rng.random_range(90.0..310.0)];
         let diameter = rng.random_range(diameters.0..=diameters.1);
-        let length = if blur > 0.0 { rng.random_range(0.0..blur) } else { 0.0 };
+        let length = if blurs.1 > blurs.0 { rng.random_range(blurs.0..blurs.1) } else { blurs.1 };
         let angle = rng.random_range(0.0..std::f64::consts::TAU);
         let flight = stage.flight(place, diameter, [length * angle.cos(), length * angle.sin()]);
         let frame = stage.render(&[(flight, reflectance)], &[], 1.0);
@@ -122,6 +138,68 @@ fn clean_balls_of_every_size() {
         let report = run(&Style::clean(), BallColour::Orange, 1, 16, (low, high), 0.0);
         check(&format!("clean, {low} to {high} px"), &report, most, 0);
     }
+}
+
+/// Hardly anything but a rim, of which the mosaic shows each colour three times.
+#[test]
+fn small_balls_in_a_noisy_hall_are_taken_for_balls() {
+    let report = run(&Style::hall(), BallColour::Orange, 1, 24, (5.0, 6.5), 0.0);
+    check("hall, 5 to 6.5 px", &report, 0.08, 0);
+    assert!(report.doubted() <= 1, "{}", report.line());
+}
+
+/// Before a busy backdrop such a streak is marked in pieces.
+#[test]
+fn long_streaks_are_measured_whole() {
+    for (diameters, blurs) in [((12.0, 16.0), (40.0, 60.0)), ((24.0, 32.0), (80.0, 120.0))] {
+        let report = run_in(Stage::new(Style::hall(), 7), BallColour::Orange, 7, 12, diameters, blurs);
+        let what = format!("{diameters:?} px, blur {blurs:?} px: {}", report.line());
+        println!("{what}");
+        assert!(report.missed <= 2 && report.false_boxes == 0, "{what}");
+        assert!(report.uncovered <= 1, "{what}");
+        assert!(report.rms() < 1.0 && report.mean_square_normalised() < 2.0, "{what}");
+    }
+}
+
+#[test]
+fn large_balls_before_a_long_lens() {
+    let stage = Stage::with_lens(Style::hall(), 8, (640, 400), 4.0);
+    let report = run_in(stage, BallColour::Orange, 8, 8, (60.0, 100.0), (0.0, 30.0));
+    check("60 to 100 px", &report, 0.4, 0);
+    assert!(report.doubted() == 0 && report.uncovered == 0, "{}", report.line());
+}
+
+/// What rolls where the ball was expected does not hide the ball, small as it is.
+#[test]
+fn a_ball_is_found_beside_one_that_rolls_where_it_was_expected() {
+    let mut stage = Stage::new(Style::hall(), 9);
+    let mut segmenter = stage.warmed(BallColour::Orange, 30);
+    let mut found = 0;
+    for n in 0..20 {
+        let t = f64::from(n);
+        let rolling = stage.flight([300.0 + 2.5 * t, 330.0], 14.0, [0.3, 0.0]);
+        let flying = stage.flight([110.0 + 20.0 * t, 90.0 + 3.0 * t], 4.6, [2.0, 0.3]);
+        let [u, v] = stage.image(&rolling);
+        let window = SearchWindow {
+            present: 1,
+            x0_px: u - 30.0,
+            y0_px: v - 30.0,
+            x1_px: u + 30.0,
+            y1_px: v + 30.0,
+            u_px: u,
+            v_px: v,
+            diameter_px: 14.0,
+            velocity_px_s: [250.0, 0.0],
+            ..SearchWindow::default()
+        };
+        let frame = stage.render(&[(rolling, stage.style.ball), (flying, stage.style.ball)], &[], 1.0);
+        let seen = stage.search(&mut segmenter, &frame, Some(&window));
+        let [u, v] = stage.image(&flying);
+        let near = |d: &&Detection| (d.u_px - u).hypot(d.v_px - v) < 1.0;
+        found += u32::from(seen.items().iter().any(|d| near(&d) && d.score >= SCORE_THRESHOLD));
+    }
+    // In the first frames nobody knows that it rolls.
+    assert!(found >= 15, "{found} of 20");
 }
 
 #[test]

@@ -38,9 +38,6 @@ const SPOT_MEMORY_NS: u64 = 3_000_000_000;
 /// The path that proves that a track moves, m.
 const MOVING_M: f64 = 0.15;
 
-/// A ball's centre lies this far above the table when it touches it, m.
-const BALL_ON_TABLE_M: f64 = 0.020;
-
 /// What triangulation and the table's pose may be off by at the table, m.
 const LEVEL_M: f64 = 0.015;
 
@@ -110,6 +107,8 @@ pub(super) struct Memory {
     spots: [Spot; SPOTS],
     rollers: [Roller; ROLLERS],
     gravity: Vector3<f64>,
+    /// The ball's radius, m: so far above the table its centre lies when it touches it.
+    radius_m: f64,
 }
 
 /// Where the track goes on.
@@ -133,8 +132,9 @@ pub(super) enum Rest {
 }
 
 impl Memory {
-    /// `upright`: whether z of the world points up (the table frame), so that gravity is known.
-    pub fn new(upright: bool) -> Self {
+    /// For a ball of so large a radius; `upright`: whether z of the world points up (the table frame), so that gravity
+    /// is known.
+    pub fn new(upright: bool, radius_m: f64) -> Self {
         let g = if upright { -GRAVITY_M_S2 } else { 0.0 };
         Self {
             recent: [(0, Vector3::zeros()); RECENT],
@@ -142,6 +142,7 @@ impl Memory {
             spots: [Spot::default(); SPOTS],
             rollers: [Roller::default(); ROLLERS],
             gravity: Vector3::new(0.0, 0.0, g),
+            radius_m,
         }
     }
 
@@ -259,7 +260,7 @@ impl Memory {
 
     /// Whether a point is at the height of a ball that lies on the table or the floor.
     fn is_low(&self, point: &Vector3<f64>) -> bool {
-        let on_table = (point.z - BALL_ON_TABLE_M).abs() < LEVEL_M
+        let on_table = (point.z - self.radius_m).abs() < LEVEL_M
             && point.x.abs() < TABLE_HALF_M[0]
             && point.y.abs() < TABLE_HALF_M[1];
         self.gravity.z != 0.0 && (on_table || point.z < NEAR_FLOOR_M)
@@ -351,7 +352,7 @@ mod tests {
 
     #[test]
     fn a_thrown_ball_is_predicted_and_favoured() {
-        let mut memory = Memory::new(true);
+        let mut memory = Memory::new(true, 0.020);
         for i in 0..6 {
             memory.follow(i * FRAME_NS, thrown(i * FRAME_NS));
         }
@@ -371,8 +372,24 @@ mod tests {
     }
 
     #[test]
+    fn what_rolls_on_the_table_is_a_look_alike_however_large_balls_are() {
+        for radius_m in [0.005, 0.020, 0.050] {
+            let mut memory = Memory::new(true, radius_m);
+            for i in 0..40 {
+                let t = f64::from(i) * 0.01;
+                // Half a metre a second, measured to 5 mm.
+                let rolling =
+                    Vector3::new(-0.05, -1.1 + 0.5 * t, radius_m + 0.005 * (1.7 * f64::from(i)).sin());
+                let t_ns = i as u64 * FRAME_NS;
+                assert_eq!(memory.rest(t_ns, &rolling), Rest::LookAlike, "radius {radius_m}, frame {i}");
+                memory.sight(t_ns, &rolling, false);
+            }
+        }
+    }
+
+    #[test]
     fn rest_takes_time_and_a_look_alike_is_one_that_was_there_beside_the_ball() {
-        let mut memory = Memory::new(true);
+        let mut memory = Memory::new(true, 0.020);
         let lamp = Vector3::new(1.0, 1.0, 1.0);
         for i in 0..100 {
             let t = i * FRAME_NS;

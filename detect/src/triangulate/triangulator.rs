@@ -49,7 +49,7 @@ impl Triangulator {
             radius_m: rig.ball.radius_m(),
             tolerance_ns: rig.tolerance_ns,
             world: rig.world,
-            memory: Memory::new(rig.world == WorldFrame::Table),
+            memory: Memory::new(rig.world == WorldFrame::Table, rig.ball.radius_m()),
             variance: UnitVariance::new(),
             watch: RigWatch::new(options.slack_px),
             candidates: Vec::with_capacity(MAX_CAMERAS * MAX_DETECTIONS),

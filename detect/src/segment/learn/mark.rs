@@ -1,5 +1,5 @@
 use super::MarkError;
-use crate::segment::candidate::DIAMETER_PX;
+use crate::segment::size::{BallSize, LEAST_DIAMETER_PX};
 
 /// Boxes may be this much larger than the largest ball, with its blur, px.
 const LARGEST_BOX_PX: f64 = 400.0;
@@ -56,9 +56,9 @@ impl Mark {
         if !((-0.5..=width as f64 - 0.5).contains(&u) && (-0.5..=height as f64 - 0.5).contains(&v)) {
             return Err(MarkError::Outside { u, v, width, height });
         }
-        let least = f64::from(DIAMETER_PX.0);
+        let least = f64::from(LEAST_DIAMETER_PX);
         let (across, most) = match self {
-            Self::Outline { diameter, .. } => (*diameter, 2.0 * f64::from(DIAMETER_PX.1)),
+            Self::Outline { diameter, .. } => (*diameter, 2.0 * f64::from(BallSize::default().most_px)),
             Self::Box { low, high } => ((high[0] - low[0]).min(high[1] - low[1]), LARGEST_BOX_PX),
         };
         if !(least..=most).contains(&across) {

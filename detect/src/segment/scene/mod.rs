@@ -127,6 +127,11 @@ impl Stage {
     }
 
     pub fn sized(style: Style, seed: u64, size: (usize, usize)) -> Self {
+        Self::with_lens(style, seed, size, 1.0)
+    }
+
+    /// As [`Self::sized`], with a lens so many times as long.
+    pub fn with_lens(style: Style, seed: u64, size: (usize, usize), times: f64) -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../common/rigs/example-2cam.toml");
         let mut rig = Rig::load(path.as_ref()).expect("the example rig is valid");
         let p = rig.cameras[0].model.parameters();
@@ -134,7 +139,7 @@ impl Stage {
         let lens = netcord_common::camera::Distortion::from_array([p[4], p[5], p[6], p[7], p[8]]);
         let camera = CameraModel::new(
             (size.0 as u32, size.1 as u32),
-            (p[0], p[1]),
+            (times * p[0], times * p[1]),
             (p[2] - shift[0], p[3] - shift[1]),
             lens,
         )

@@ -20,7 +20,7 @@ use super::{
     background::{Background, PixelBox},
     blobs::{BlobFinder, MAX_BLOBS},
     blur::BlurLimit,
-    candidate::{MOST_CELLS, Start},
+    candidate::{Start, most_cells},
     colour::{ColourModel, SceneLight},
     demosaic::Demosaic,
     foreground::Foreground,
@@ -31,6 +31,7 @@ use super::{
     rest::RestWatch,
     score::SCORE_THRESHOLD,
     singles::SingleFinder,
+    size::BallSize,
 };
 
 /// Frames between two looks at the colour of the scene's light.
@@ -45,6 +46,7 @@ pub struct Segmenter {
     name: String,
     index: u32,
     camera: CameraModel,
+    ball: BallSize,
     /// The vertical, in the camera's frame.
     up: Vector3<f64>,
     /// Direction of the main light, in the camera's frame: at first the vertical, then as balls show it.
@@ -91,6 +93,7 @@ impl Segmenter {
         let grid = if camera.pixel_format == PixelFormat::Mono8 { Grid::of(InputMode::Raw) } else { grid };
         let demosaic = (grid.scale == 2).then(|| Demosaic::new(options.input, (width, height)));
         let size = (width * grid.scale, height * grid.scale);
+        let ball = BallSize::of(rig, camera);
         let kernel = Kernel::detect();
         let background = Background::new(kernel, size, rig.rate_hz);
         let foreground = Foreground::new(kernel, size);
@@ -125,7 +128,8 @@ impl Segmenter {
             colour: ColourModel::new(format, told, marked),
             coloured: vec![0; foreground.words().len()],
             foreground,
-            finder: BlobFinder::new(MOST_CELLS),
+            finder: BlobFinder::new(most_cells(&ball)),
+            ball,
             singles,
             frame_noise: None,
             starts: Vec::with_capacity(MAX_BLOBS),

@@ -13,10 +13,12 @@ use super::{
         colour::cell_colour,
         describe::describe,
         fit::Prior,
-        measure::{Behind, Scene},
+        measure::{Behind, Measured, Scene},
         outline::Outline,
         score::{LEAST_SCORE, SCORE_THRESHOLD, score, single_score},
         sphere,
+        sweep::Sweep,
+        verdict::Verdict,
     },
     Found, Segmenter,
     lessons::SURE,
@@ -34,6 +36,12 @@ const WORTH_REFINING: f64 = 0.3;
 
 /// While a ball flies, what lies or rolls elsewhere is measured in one frame of so many.
 const SLOW_EVERY: u64 = 4;
+
+/// By how much the rim of a ball may be sharper or softer than it is taken for, px.
+const RIM_PX: f32 = 0.7;
+
+/// Share of a mosaic's pixels that have the colour of least pixels.
+const SHARE_OF_COLOUR: f32 = 0.25;
 
 /// What is left of the score of something that stays where it is.
 const AT_REST_SHARE: f64 = 0.4;
@@ -70,7 +78,7 @@ impl Segmenter {
     }
 
     pub(super) fn start_of(&self, view: &FrameView<'_>, blob: &Blob, centre: [f64; 2]) -> Option<Start> {
-        let start = start(blob, self.grid.scale, &sphere::place(&self.camera, centre))?;
+        let start = start(blob, self.grid.scale, &sphere::place(&self.camera, centre), &self.ball)?;
         if !self.blur.allows(&start.sweep, BlurLimit::OF_A_START) {
             return None;
         }
@@ -97,7 +105,25 @@ impl Segmenter {
             }
             count += 1.0;
         }
-        if count > 0.0 { self.colour.likeness(&self.light, mean.map(|m| m / count)) } else { 0.0 }
+        if count > 0.0 { self.colour.likeness(&self.light, mean.map(|m| m / count), [0.0; 3]) } else { 0.0 }
+    }
+
+    /// How well a measured candidate's colour agrees with the ball's, 0–1.
+    fn likeness(&self, measured: &Measured) -> f32 {
+        let Verdict { levels, behind, .. } = &measured.verdict;
+        let unsure = self.level_spread(&measured.fit.sweep, levels, behind);
+        self.colour.likeness(&self.light, *levels, unsure)
+    }
+
+    /// How far off the levels of a candidate may be, one standard deviation, DN: by noise, and by what its rim, of
+    /// which nobody knows how sharp it is, changes in the levels of a ball that hardly has anything but a rim.
+    fn level_spread(&self, sweep: &Sweep, levels: &[f32; 3], behind: &[f32; 3]) -> [f32; 3] {
+        let pixels = (sweep.area() * SHARE_OF_COLOUR).max(1.0);
+        let rim = (RIM_PX / sweep.radius).powi(2);
+        std::array::from_fn(|i| {
+            let noise = self.background.noise().sigma(behind[i].max(levels[i])) / pixels.sqrt();
+            noise.hypot(rim * (levels[i] - behind[i]))
+        })
     }
 
     /// Measures the likeliest starts, `most` at most.
@@ -150,19 +176,24 @@ impl Segmenter {
             Backdrop::Learnt => Behind::Learnt(&self.background),
             Backdrop::Around => Behind::Around(self.background.noise()),
         };
-        let scene = Scene { view, grid: self.grid, behind };
+        let scene = Scene { view, grid: self.grid, behind, most_px: self.ball.most_px };
         let glanced = scene.glance(&mut self.patch, start, prior, &self.towards_light)?;
-        let likeness = self.colour.likeness(&self.light, glanced.verdict.levels);
-        let glanced_score = score(&glanced, likeness);
+        let likeness = self.likeness(&glanced);
+        let glanced_score = score(&glanced, likeness, &self.ball);
         if glanced_score < LEAST_SCORE {
             return None;
         }
-        let refined = glanced_score > WORTH_REFINING;
-        let measured = if refined { scene.refine(&mut self.patch, glanced, prior) } else { glanced };
+        let measured = if glanced_score > WORTH_REFINING {
+            let allows = |sweep: &Sweep| self.blur.allows(sweep, BlurLimit::OF_A_START);
+            let followed = scene.follow(&mut self.patch, glanced, prior, allows);
+            scene.refine(&mut self.patch, followed, prior)
+        } else {
+            glanced
+        };
         if !self.blur.allows(&measured.fit.sweep, BlurLimit::OF_A_FIT) {
             return None;
         }
-        let likeness = self.colour.likeness(&self.light, measured.verdict.levels);
+        let likeness = self.likeness(&measured);
         let score = match self.frame_noise {
             Some(noise) => {
                 let light = measured.place.light(&measured.light);
@@ -170,7 +201,7 @@ impl Segmenter {
                 let outline = Outline::look(view, self.grid, rectifier, &measured.fit, &light, noise)?;
                 single_score(&measured, &outline, likeness, self.colour.diameter_px())
             }
-            None => score(&measured, likeness),
+            None => score(&measured, likeness, &self.ball),
         };
         let mut item = describe(&self.camera, &measured, score);
         if self.rest.is_at_rest([item.u_px, item.v_px], item.diameter_px) {
@@ -185,16 +216,24 @@ impl Segmenter {
         self.found.iter().any(|f| self.is_in_play(&f.item))
     }
 
-    /// Whether one of the candidates surely is the ball that a window expects.
+    /// Whether one of the candidates surely is the ball that a window expects, and nothing that rolls or lies there.
     pub(super) fn has_expected(&self, window: &SearchWindow) -> bool {
-        self.found.iter().any(|f| f.item.score >= SURE && self.is_in_play(&f.item) && f.is_expected(window))
+        self.found.iter().any(|f| {
+            f.item.score >= SURE
+                && self.is_in_play(&f.item)
+                && !self.is_slow_item(&f.item)
+                && f.is_expected(window)
+        })
     }
 
     /// Whether one of the candidates surely is a ball and has come from elsewhere faster than things roll.
     pub(super) fn has_ball_in_flight(&self) -> bool {
-        self.found.iter().any(|f| {
-            f.item.score >= SURE && !self.rest.is_slow([f.item.u_px, f.item.v_px], f.item.diameter_px)
-        })
+        self.found.iter().any(|f| f.item.score >= SURE && !self.is_slow_item(&f.item))
+    }
+
+    /// Whether a candidate was here in the last frame, or so near that no ball in flight takes so long.
+    pub(super) fn is_slow_item(&self, item: &Detection) -> bool {
+        self.rest.is_slow([item.u_px, item.v_px], item.diameter_px)
     }
 
     /// Whether something was here in the last frame, or so near that no ball in flight takes so long.

@@ -93,7 +93,7 @@ impl Segmenter {
             length: (path[0].hypot(path[1]) as f32).max(MIN_LENGTH_PX),
             angle: path[1].atan2(path[0]) as f32,
         };
-        Some(Start { place, sweep, likeness: 1.0, colour: 1.0, slow: false })
+        Some(Start { place, sweep, likeness: 1.0, colour: 1.0, slow: false, usual_px: self.ball.usual_px })
     }
 
     /// What a window says of the ball's size.
