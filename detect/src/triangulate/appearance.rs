@@ -17,7 +17,7 @@ const BLUR_SHARE: f64 = 0.15;
 /// Speed of a ball in play, one standard deviation in each direction, m/s: the fastest that are known, 45 m/s, are three.
 const SPEED_SIGMA_M_S: f64 = 15.0;
 /// The most that paths cost which do not belong together: a ball that is hit or bounces during the exposure has two.
-const MOST_MOTION: f64 = 16.0;
+pub(super) const MOST_MOTION: f64 = 16.0;
 
 /// The image of the neighbourhood of a point in one camera, to first order.
 #[derive(Debug, Clone, Copy)]
@@ -163,6 +163,20 @@ pub(super) fn path_distance(
     let expected = appearance.by_world * velocity * exposure_s;
     let apart = (path - expected).norm_squared().min((path + expected).norm_squared());
     apart / path_variance(detection, &path)
+}
+
+/// Squared distance of a detection's path from the longest that a thing leaves that is no faster than `speed`, m/s, in
+/// standard deviations; zero where none was measured, or the exposure is not known.
+pub(super) fn excess_distance(
+    appearance: &Appearance,
+    detection: &Detection,
+    speed: f64,
+    exposure_s: f64,
+) -> f64 {
+    let Some(path) = path_of(detection).filter(|_| exposure_s > 0.0) else { return 0.0 };
+    // No direction is stretched more than this.
+    let longest = appearance.by_world.norm() * speed * exposure_s;
+    (path.norm() - longest).max(0.0).powi(2) / path_variance(detection, &path)
 }
 
 #[cfg(test)]
@@ -315,5 +329,7 @@ mod tests {
         let flying = path_distance(&appearance, &seen, &(half / 0.002), 0.004);
         assert!(still > 15.0 && flying < 0.1, "{still}, {flying}");
         assert_eq!(path_distance(&appearance, &seen, &Vector3::zeros(), 0.0), 0.0, "exposure unknown");
+        let excess = |speed: f64| excess_distance(&appearance, &seen, speed, 0.004);
+        assert!(excess(3.0) > 8.0 && excess(27.0) == 0.0, "{}, {}", excess(3.0), excess(27.0));
     }
 }

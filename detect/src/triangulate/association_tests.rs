@@ -425,3 +425,33 @@ fn a_ball_that_bounces_beside_one_that_rolls_is_not_taken_for_it() {
     }
     assert_eq!(found, 57, "all but the hidden ones");
 }
+
+#[test]
+fn what_stays_in_one_place_is_no_ball_that_flies_through_it() {
+    const EXPOSURE_S: f64 = 0.004;
+    let mut random = Pcg64::seed_from_u64(14);
+    let (rig, plain) = example(2);
+    let place = Vector3::new(0.3, 0.5, 0.5);
+    let mut found = |speed: f64| {
+        let mut triangulator = Triangulator::new(&rig, &TriangulateOptions::default());
+        let half = Vector3::new(0.3, 0.9, 0.3).normalize() * (0.5 * speed * EXPOSURE_S);
+        let shown = (1..=12_u64).map(|trigger| {
+            let messages: Vec<_> = (0..2)
+                .map(|i| {
+                    let path = plain[i].pixel(&(place + half)) - plain[i].pixel(&(place - half));
+                    let mut seen = Detection { score: 0.8, ..detection(&plain[i], &place, 0.3, &mut random) };
+                    (seen.blur_u_px, seen.blur_v_px) = (path.x, path.y);
+                    seen.flags |= DetectionFlags::BLUR_MEASURED;
+                    seen.diameter_px = 0.0;
+                    let mut message = message(i, trigger, Scope::Full, &[seen]);
+                    message.exposure_ns = (EXPOSURE_S * 1e9) as u64;
+                    message
+                })
+                .collect();
+            u32::from(process(&mut triangulator, &messages).is_present())
+        });
+        shown.sum::<u32>()
+    };
+    assert_eq!(found(0.3), 12, "a ball in a hand");
+    assert!(found(18.0) <= 2, "an arm that seems to be smeared stays where it is");
+}

@@ -5,9 +5,9 @@ use netcord_common::wire::{Detection, DetectionFlags};
 
 use super::{
     PosedCamera,
-    appearance::{Appearance, Motion, path_distance},
+    appearance::{Appearance, MOST_MOTION, Motion, excess_distance, path_distance},
     consensus::{ABSENT, Candidate, Subset},
-    memory::{Memory, Predicted, Rest},
+    memory::{Memory, Predicted, Rest, SPOT_RADIUS_M},
 };
 
 /// Where a candidate came from.
@@ -106,7 +106,9 @@ impl Hypothesis {
         self.looks = -0.5 * self.subset.distance2;
         let mut precision = Precision::default();
         let mut motion = Motion::default();
-        let mut off_track = 0.0;
+        // What was here some frames ago has gone twice round the spot since, at most.
+        let slow = scales.memory.stayed_s(scales.t_ns, &point).map(|ago_s| 2.0 * SPOT_RADIUS_M / ago_s);
+        let (mut off_track, mut too_fast) = (0.0, 0.0);
         let mut resting = 0;
         for (camera, posed) in scales.cameras.iter().enumerate() {
             let member = self.subset.members[camera];
@@ -128,9 +130,12 @@ impl Hypothesis {
             if let Some(predicted) = &scales.predicted {
                 off_track += path_distance(&appearance, detection, &predicted.velocity, source.exposure_s);
             }
+            if let Some(speed) = slow {
+                too_fast += excess_distance(&appearance, detection, speed, source.exposure_s);
+            }
             resting += usize::from(detection.flags & DetectionFlags::AT_REST != 0);
         }
-        self.looks += precision.evidence() - 0.5 * motion.distance();
+        self.looks += precision.evidence() - 0.5 * (motion.distance() + too_fast).min(MOST_MOTION);
         self.evidence =
             scales.memory.log_prior(scales.t_ns, &point, scales.predicted.as_ref(), off_track) + self.looks;
         self.rest = scales.memory.rest(scales.t_ns, &point);

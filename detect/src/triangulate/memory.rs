@@ -24,7 +24,7 @@ const PREDICTION_SIGMA_M: f64 = 0.015;
 const SPOTS: usize = 48;
 
 /// Two sightings nearer than this are of the same thing at rest, m.
-const SPOT_RADIUS_M: f64 = 0.015;
+pub(super) const SPOT_RADIUS_M: f64 = 0.015;
 
 /// A ball in flight leaves such a circle within 0.12 s, even at the top of a vertical toss.
 const REST_NS: u64 = 300_000_000;
@@ -297,6 +297,19 @@ impl Memory {
                 && age_ns(t_ns, s.last_ns).is_some_and(|age| age <= SPOT_MEMORY_NS)
                 && (s.anchor - point).norm_squared() <= SPOT_RADIUS_M * SPOT_RADIUS_M
         })
+    }
+
+    /// How long ago something was seen at `point`, s, if within the last few frames and not for the first time: it has
+    /// hardly moved since. A ball that is hit back comes through a place twice.
+    pub fn stayed_s(&self, t_ns: u64, point: &Vector3<f64>) -> Option<f64> {
+        /// Older sightings tell of another thing; those of the same trigger of none.
+        const AGE_NS: std::ops::RangeInclusive<u64> = 500_000..=50_000_000;
+        let here = |spot: &&Spot| (spot.anchor - point).norm_squared() <= SPOT_RADIUS_M * SPOT_RADIUS_M;
+        let seen = self.spots.iter().filter(|spot| spot.sightings > 1).filter(here);
+        seen.filter_map(|spot| age_ns(t_ns, spot.last_ns))
+            .filter(|age| AGE_NS.contains(age))
+            .min()
+            .map(|age| age as f64 * 1e-9)
     }
 
     /// Takes note of any point that cameras agree on; `chosen`: it was reported as the ball.
