@@ -7,7 +7,7 @@ use super::{
     fit::{Fit, OUTLINE},
     measure::Measured,
     patch::Rectifier,
-    sphere,
+    sweep::Sweep,
 };
 
 /// Errors of the centre that no covariance of pixels knows of, standard deviations: of the lens's blur and the
@@ -31,25 +31,21 @@ pub fn describe(camera: &CameraModel, measured: &Measured, score: f64) -> Detect
 
     let mut flags = 0;
     let mut centre = outline;
-    if let Some(angle) = measured.place.angle_per_px {
-        let subtended = (radius * angle).min(0.5);
-        if let Some([du, dv]) = sphere::outline_to_centre(camera, outline, subtended) {
-            centre = [outline[0] + du, outline[1] + dv];
-            flags |= DetectionFlags::SPHERE_CORRECTED;
-        }
+    if let Some(sphere) = measured.place.sphere_centre_px(camera, fit.sweep.centre.map(f64::from), radius) {
+        centre = sphere;
+        flags |= DetectionFlags::SPHERE_CORRECTED;
     }
-    let half = rectifier.half_extent_px(radius);
+    let (least, most) = extent_px(&fit.sweep, rectifier);
     let covariance = covariance_px(fit, rectifier);
     let spread = [covariance[0].sqrt(), covariance[2].sqrt()];
     let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
     let edge = [camera.width, camera.height].map(|n| f64::from(n) - 0.5);
     let mut cut = false;
     for axis in 0..2 {
-        let reach = half[axis] + 0.5 * path[axis].abs();
-        cut |= outline[axis] - reach < -0.5 || outline[axis] + reach > edge[axis];
-        let reach = reach + 0.5 + 2.0 * spread[axis].min(2.0);
-        low[axis] = (outline[axis] - reach).max(-0.5);
-        high[axis] = (outline[axis] + reach).min(edge[axis]);
+        cut |= least[axis] < -0.5 || most[axis] > edge[axis];
+        let margin = 0.5 + 2.0 * spread[axis].min(2.0);
+        low[axis] = (least[axis] - margin).max(-0.5);
+        high[axis] = (most[axis] + margin).min(edge[axis]);
     }
     if cut {
         flags |= DetectionFlags::CUT_BY_FRAME;
@@ -81,6 +77,27 @@ pub fn describe(camera: &CameraModel, measured: &Measured, score: f64) -> Detect
         flags,
         _reserved: 0,
     }
+}
+
+/// The least and the greatest pixel coordinates of an outline.
+fn extent_px(sweep: &Sweep, rectifier: &Rectifier) -> ([f64; 2], [f64; 2]) {
+    /// Places on the outline of the disc at either end of its path, on a circle around that outline.
+    const PLACES: u32 = 12;
+    let step = std::f64::consts::TAU / f64::from(PLACES);
+    let radius = f64::from(sweep.radius) / (0.5 * step).cos();
+    let ([x, y], [along, down]) = (sweep.centre.map(f64::from), sweep.path().map(f64::from));
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for place in 0..PLACES {
+        let (sin, cos) = (f64::from(place) * step).sin_cos();
+        for end in [-0.5, 0.5] {
+            let pixel = rectifier.pixel([x + end * along + radius * cos, y + end * down + radius * sin]);
+            for axis in 0..2 {
+                low[axis] = low[axis].min(pixel[axis]);
+                high[axis] = high[axis].max(pixel[axis]);
+            }
+        }
+    }
+    (low, high)
 }
 
 /// The vector or its opposite, whichever begins with a positive number.

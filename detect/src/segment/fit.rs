@@ -17,8 +17,9 @@ use super::lanes::{Avx2, Avx2Lanes};
 use super::lanes::{Neon, NeonLanes};
 use super::{
     lanes::{LANES, Lanes, Plain, PlainLanes},
-    patch::{CHANNELS, Patch},
-    sweep::{BOX_PX, Coverer, MIN_LENGTH_PX, Sweep},
+    look::Look,
+    patch::{CHANNELS, Patch, Samples},
+    sweep::{Coverage, Coverer, MIN_LENGTH_PX, Sweep},
 };
 
 /// Parameters of the outline: centre along and across the path, radius, length, angle.
@@ -121,6 +122,97 @@ fn add_all_products<L: Lanes>(zero: L, block: &[[L; COLUMNS]], products: &mut Pr
     add_products::<L, 9, 9>(zero, block, products);
 }
 
+/// What is expected of the pixels of one colour.
+pub struct Model<L: Lanes> {
+    level: L::Level,
+    coverer: Coverer<L>,
+    shading: [L; SHADING],
+    /// 1 / square of the residual, in standard deviations, at which a pixel's weight is a half.
+    softness: L,
+}
+
+/// A vector of pixels held against the model; all but the cover is times the root of the pixels' weights.
+pub struct Held<L> {
+    /// Their cover.
+    pub coverage: Coverage<L>,
+    /// By how much the ball differs from what is behind it.
+    pub contrast: L,
+    /// Share of the ball in what is seen.
+    pub alpha: L,
+    /// Seen less expected.
+    pub residual: L,
+    /// Robust square residuals, in units of their variance.
+    cost: L,
+    /// Robust weights.
+    robust: L,
+}
+
+impl<L: Lanes> Model<L> {
+    #[inline(always)]
+    pub fn new(
+        level: L::Level,
+        (patch, sweep): (&Patch, &Sweep),
+        channel: usize,
+        shading: &[f32; SHADING],
+        scale: f32,
+    ) -> Self {
+        Self {
+            level,
+            coverer: Coverer::new(level, sweep, &patch.look, channel),
+            shading: shading.map(|term| L::all(level, term)),
+            softness: L::all(level, 1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale)),
+        }
+    }
+
+    /// Holds the pixels from `at` on against it.
+    #[inline(always)]
+    pub fn hold(&self, samples: &Samples, at: usize) -> Held<L> {
+        let level = self.level;
+        let one = L::all(level, 1.0);
+        let saturated = L::all(level, SATURATED);
+        let coverage = self.coverer.at(L::load(level, &samples.x, at), L::load(level, &samples.y, at));
+        let background = L::load(level, &samples.background, at);
+        let seen = L::load(level, &samples.seen, at);
+        let inverse_sigma = L::load(level, &samples.inverse_sigma, at);
+        let mut ball = L::all(level, 0.0);
+        for (term, place) in self.shading.iter().zip(&coverage.place) {
+            ball = term.times_plus(*place, ball);
+        }
+        let contrast = ball - background;
+        let model = coverage.alpha.times_plus(contrast, background);
+        // A saturated pixel says only that the ball is at least this bright.
+        let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
+        let residual = (seen - model) * informs;
+        let z = residual * inverse_sigma;
+        let square = z * z;
+        // Both factors of a product carry the root of the weight.
+        let robust_root = square.times_plus(self.softness, one).sqrt().recip();
+        let robust = robust_root * robust_root;
+        let root = robust_root * inverse_sigma * informs;
+        Held {
+            contrast: contrast * root,
+            alpha: coverage.alpha * root,
+            residual: residual * root,
+            cost: square * robust,
+            robust: robust.where_positive(inverse_sigma),
+            coverage,
+        }
+    }
+}
+
+impl<L: Lanes> Held<L> {
+    /// How the model follows the outline, and then the shading, into the first columns.
+    #[inline(always)]
+    pub fn write_slopes(&self, columns: &mut [L]) {
+        for (column, slope) in columns.iter_mut().zip(self.coverage.slopes) {
+            *column = slope * self.contrast;
+        }
+        for (column, place) in columns[SHADES..].iter_mut().zip(self.coverage.place) {
+            *column = place * self.alpha;
+        }
+    }
+}
+
 #[inline(always)]
 fn accumulate_body<L: Lanes>(
     level: L::Level,
@@ -131,48 +223,19 @@ fn accumulate_body<L: Lanes>(
     sums: &mut Sums,
 ) {
     let zero = L::all(level, 0.0);
-    let coverer = Coverer::new(level, sweep, &patch.light, BOX_PX);
-    let softness = L::all(level, 1.0 / (ROBUST_SIGMAS * ROBUST_SIGMAS * scale * scale));
-    let one = L::all(level, 1.0);
-    let saturated = L::all(level, SATURATED);
     let mut columns: Columns<L> = [[zero; COLUMNS]; BLOCK];
     let (mut cost, mut weight_sum) = (zero, zero);
     for (channel, samples) in patch.channels.iter().enumerate() {
-        let terms = shading[channel].map(|term| L::all(level, term));
+        let model = Model::new(level, (patch, sweep), channel, &shading[channel], scale);
         let mut products: Products<L> = [[zero; COLUMNS]; COLUMNS];
         for first in (0..samples.len()).step_by(LANES * BLOCK) {
             let vectors = ((samples.len() - first) / LANES).min(BLOCK);
             for (vector, columns) in columns[..vectors].iter_mut().enumerate() {
-                let at = first + vector * LANES;
-                let coverage = coverer.at(L::load(level, &samples.x, at), L::load(level, &samples.y, at));
-                let background = L::load(level, &samples.background, at);
-                let seen = L::load(level, &samples.seen, at);
-                let inverse_sigma = L::load(level, &samples.inverse_sigma, at);
-                let mut ball = zero;
-                for (term, place) in terms.iter().zip(&coverage.place) {
-                    ball = term.times_plus(*place, ball);
-                }
-                let contrast = ball - background;
-                let model = coverage.alpha.times_plus(contrast, background);
-                // A saturated pixel says only that the ball is at least this bright.
-                let informs = one - one.where_positive(seen - saturated).where_positive(model - saturated);
-                let residual = (seen - model) * informs;
-                let z = residual * inverse_sigma;
-                let square = z * z;
-                // Both factors of a product carry the root of the weight.
-                let robust_root = square.times_plus(softness, one).sqrt().recip();
-                let robust = robust_root * robust_root;
-                let root = robust_root * inverse_sigma * informs;
-                cost = square.times_plus(robust, cost);
-                weight_sum = weight_sum + robust.where_positive(inverse_sigma);
-                let (contrast, alpha) = (contrast * root, coverage.alpha * root);
-                for (column, slope) in columns.iter_mut().zip(coverage.slopes) {
-                    *column = slope * contrast;
-                }
-                for (column, place) in columns[SHADES..].iter_mut().zip(coverage.place) {
-                    *column = place * alpha;
-                }
-                columns[RESIDUAL] = residual * root;
+                let pixels = model.hold(samples, first + vector * LANES);
+                cost = cost + pixels.cost;
+                weight_sum = weight_sum + pixels.robust;
+                pixels.write_slopes(columns);
+                columns[RESIDUAL] = pixels.residual;
             }
             add_all_products(zero, &columns[..vectors], &mut products);
         }
@@ -299,17 +362,47 @@ struct Eliminated {
 }
 
 /// Spreads of the shading's terms, in units of the ball's contrast: the level is free; its slopes, by which light
-/// from all around differs from place to place, are small; the lamp's direction is nearly known.
-const SPREADS: [f64; SHADING] = [20.0, 0.15, 0.15, 2.0, 0.3, 0.3];
+/// from all around differs from place to place, are small, and smaller where that light has been learnt; the lamp's
+/// direction is nearly known.
+const fn spreads(slope: f64) -> [f64; SHADING] {
+    [20.0, slope, slope, 2.0, 0.3, 0.3]
+}
 
 /// Light from all around against that of the lamp, and how much a hall may differ from it. Without this a dark
 /// half of a small ball could as well be the background beside a smaller one, or a larger one's.
 const AMBIENT: (f64, f64) = (0.35, 0.25);
 
+/// What ties the shading of one colour to what is likely, as normal matrix and right side.
+pub fn shading_ties(
+    shading: &[f32; SHADING],
+    typical: f64,
+    look: &Look,
+) -> ([[f64; SHADING]; SHADING], [f64; SHADING]) {
+    let (mut a, mut b) = ([[0.0; SHADING]; SHADING], [0.0; SHADING]);
+    let spreads = spreads(look.slope_spread);
+    for j in 0..SHADING {
+        let tie = (spreads[j] * typical).powi(-2);
+        a[j][j] = tie;
+        b[j] = if j == 0 { 0.0 } else { -tie * f64::from(shading[j]) };
+    }
+    let [ambient, lamp] = [0, 3].map(|j| f64::from(shading[j]));
+    let (ratio, spread) = AMBIENT;
+    let weight = (spread * (typical + ambient.max(0.0) + lamp.max(0.0))).powi(-2);
+    let off = ambient - ratio * lamp;
+    a[0][0] += weight;
+    a[0][3] -= weight * ratio;
+    a[3][0] -= weight * ratio;
+    a[3][3] += weight * ratio * ratio;
+    b[0] -= weight * off;
+    b[3] += weight * ratio * off;
+    (a, b)
+}
+
 fn eliminate(
     sums: &Sums,
     shading: &[[f32; SHADING]; CHANNELS],
     typical: &[f64; CHANNELS],
+    look: &Look,
 ) -> Option<Eliminated> {
     let mut out = Eliminated {
         reduced: sums.outline,
@@ -322,26 +415,16 @@ fn eliminate(
         }
         let mut a = sums.shading[channel];
         let mut b = [[0.0; OUTLINE + 1]; SHADING];
+        let (ties, right) = shading_ties(&shading[channel], typical[channel], look);
         for j in 0..SHADING {
-            let spread = SPREADS[j] * typical[channel];
-            let tie = 1.0 / (spread * spread);
-            a[j][j] += tie;
             for i in 0..OUTLINE {
                 b[j][i] = sums.mixed[channel][i][j];
             }
-            let from = if j == 0 { 0.0 } else { f64::from(shading[channel][j]) };
-            b[j][OUTLINE] = sums.shading_residual[channel][j] - tie * from;
+            b[j][OUTLINE] = sums.shading_residual[channel][j] + right[j];
+            for k in 0..SHADING {
+                a[j][k] += ties[j][k];
+            }
         }
-        let [ambient, lamp] = [0, 3].map(|j| f64::from(shading[channel][j]));
-        let (ratio, spread) = AMBIENT;
-        let weight = (spread * (typical[channel] + ambient.max(0.0) + lamp.max(0.0))).powi(-2);
-        let off = ambient - ratio * lamp;
-        a[0][0] += weight;
-        a[0][3] -= weight * ratio;
-        a[3][0] -= weight * ratio;
-        a[3][3] += weight * ratio * ratio;
-        b[0][OUTLINE] -= weight * off;
-        b[3][OUTLINE] += weight * ratio * off;
         if !cholesky_solve(&mut a, &mut b) {
             return None;
         }
@@ -379,7 +462,7 @@ pub fn fit(patch: &Patch, start: Sweep, prior: &Prior, typical: &[f64; CHANNELS]
     let mut shading = [[0.0_f32; SHADING]; CHANNELS];
     // The shading first, with the outline held: no robust weights, since nothing is known yet.
     let sums = Sums::over(patch, &start, &shading, 1e3);
-    let eliminated = eliminate(&sums, &shading, typical)?;
+    let eliminated = eliminate(&sums, &shading, typical, &patch.look)?;
     apply_shading(&mut shading, &eliminated, &[0.0; OUTLINE]);
     descend(patch, Guess { sweep: start, shading }, 0, prior, typical)
 }
@@ -415,7 +498,7 @@ fn descend(
             if round > SCALES.len() && chi2 > HOPELESS_CHI2 {
                 return None;
             }
-            let eliminated = eliminate(&sums, &at.shading, typical)?;
+            let eliminated = eliminate(&sums, &at.shading, typical, &patch.look)?;
             best = Some(Best { guess: at, cost, chi2, eliminated });
         }
         let best = best.as_ref()?;

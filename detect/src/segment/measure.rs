@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 use netcord_common::{Channel, FrameView, PixelFormat};
 
 use super::{
+    appearance::Appearance,
     background::Background,
+    behind::{continue_around, darken_by_shadow},
     candidate::{LONGEST_PATH_PX, Start},
     fit::{Fit, Prior, fit, fit_again},
     grid::Grid,
@@ -52,7 +54,7 @@ pub struct Measured {
 }
 
 /// Part of the contrast by which even a right model is off: texture of the ball, blur of the lens.
-const MODEL_ERROR: f32 = 0.03;
+pub const MODEL_ERROR: f32 = 0.03;
 
 /// Turns of the light smaller than this change nothing that matters, rad.
 const LEAST_TURN: f32 = 0.1;
@@ -62,8 +64,10 @@ const GOOD_CHI2: f32 = 1.0;
 const LEAST_LIGHT: f32 = 10.0;
 /// Pixels that are enough to tell a ball from other things.
 const GLANCE_SAMPLES: usize = 400;
+/// Pixels that all are looked at where the ball is expected.
+const FEW_SAMPLES: usize = 1000;
 /// Standard deviation of the centre from which on more pixels are worth their time, px.
-const WORTH_MORE_PX: f64 = 0.03;
+const WORTH_MORE_PX: f64 = 0.015;
 /// Looks again at most.
 const MAX_LOOKS: usize = 1;
 /// How often a streak is followed beyond its ends, and what may be left of it unexplained then.
@@ -113,6 +117,10 @@ impl Scene<'_> {
         // From one pixel of a cell to the next.
         let step = (self.grid.place(1) - self.grid.place(0)) as f32;
         let [[a, b], [c, d]] = rectifier.forward.map(|row| row.map(|m| m as f32));
+        let [bend_x, bend_y] = rectifier.bend.map(|terms| terms.map(|m| m as f32));
+        let bent = |[xx, xy, yy]: [f32; 3], x: f32, y: f32| x * (xx * x + xy * y) + yy * y * y;
+        let rectify =
+            |x: f32, y: f32| [a * x + b * y + bent(bend_x, x, y), c * x + d * y + bent(bend_y, x, y)];
         'rows: for cell_y in rows.step_by(2) {
             // A lattice of rank one: every `decimation`th cell of a row, shifted from row to row.
             let first = columns.start / 2;
@@ -123,8 +131,8 @@ impl Scene<'_> {
             for cell_x in (columns.start + 2 * skipped..columns.end).step_by(2 * decimation) {
                 let along = (self.grid.place(cell_x) - rectifier.anchor[0]) as f32;
                 // Its pixels belong together: where its middle is near enough, all four are taken.
-                let (x, y) = (along + 0.5 * step, down + 0.5 * step);
-                if !near(sweep, [cos, sin], reach, a * x + b * y, c * x + d * y) {
+                let [x, y] = rectify(along + 0.5 * step, down + 0.5 * step);
+                if !near(sweep, [cos, sin], reach, x, y) {
                     continue;
                 }
                 let levels = CELL.map(|(dx, dy)| f32::from(seen[dy][cell_x + dx]));
@@ -133,8 +141,7 @@ impl Scene<'_> {
                     Behind::Around(_) => levels,
                 };
                 for (i, (dx, dy)) in CELL.into_iter().enumerate() {
-                    let (x, y) = (along + dx as f32 * step, down + dy as f32 * step);
-                    let rectified = [a * x + b * y, c * x + d * y];
+                    let rectified = rectify(along + dx as f32 * step, down + dy as f32 * step);
                     let sample =
                         Sample { rectified, channel: channels[i], seen: levels[i], background: behind[i] };
                     if !patch.push(&sample) {
@@ -142,6 +149,9 @@ impl Scene<'_> {
                     }
                 }
             }
+        }
+        if let Behind::Learnt(_) = self.behind {
+            darken_by_shadow(patch, sweep);
         }
         let noise = *self.noise();
         patch.finish(|seen, background| {
@@ -166,10 +176,15 @@ impl Scene<'_> {
         patch: &mut Patch,
         start: &Start,
         prior: &Prior,
-        light: &Vector3<f64>,
+        appearance: &Appearance,
     ) -> Option<Measured> {
-        patch.light = start.place.light(light);
-        let found = self.settle(patch, &start.place.rectifier, start.sweep, None, prior, GLANCE_SAMPLES)?;
+        let light = &appearance.towards_light;
+        patch.look = appearance.look(&start.place, light);
+        let reach = start.sweep.radius + margin(start.sweep.radius);
+        let few = Sweep { radius: reach, ..start.sweep }.area() < FEW_SAMPLES as f32;
+        // Where the ball is expected, it most likely is: its pixels will be looked at anyway.
+        let wanted = if prior.radius.is_some() && few { FEW_SAMPLES } else { GLANCE_SAMPLES };
+        let found = self.settle(patch, &start.place.rectifier, start.sweep, None, prior, wanted)?;
         Some(self.judge(patch, start.place, found, light))
     }
 
@@ -224,15 +239,24 @@ impl Scene<'_> {
             && found.shading.iter().any(|s| s[3] > LEAST_LIGHT)
         {
             let turned = place.turned(&light, turn);
-            patch.light = place.light(&turned);
+            patch.look.light = place.light(&turned);
             match fit_again(patch, &found, prior, &contrasts(patch, &found.sweep)) {
                 Some(better) if better.chi2 <= found.chi2 && in_bounds(&better.sweep, self.most_px) => {
                     (found, light) = (better, turned);
                 }
-                _ => patch.light = place.light(&light),
+                _ => patch.look.light = place.light(&light),
             }
         }
         self.judge(patch, place, found, &light)
+    }
+
+    /// Lets the appearance of balls be learnt from one that was measured.
+    pub fn teach(&self, patch: &mut Patch, ball: &Measured, appearance: &mut Appearance) {
+        let (place, fit) = (&ball.place, &ball.fit);
+        patch.look = appearance.look(place, &ball.light);
+        self.gather(patch, &place.rectifier, &fit.sweep, FEW_SAMPLES);
+        let typical = contrasts(patch, &fit.sweep);
+        appearance.learn(patch, place, fit, &typical);
     }
 
     /// Fits, and looks again where the outline has moved to the edge of what was looked at: pixels around the
@@ -301,69 +325,4 @@ fn contrasts(patch: &Patch, sweep: &Sweep) -> [f64; CHANNELS] {
             samples.seen.iter().zip(&samples.background).map(|(s, b)| f64::from(s - b).powi(2)).sum::<f64>();
         ((2.0 * square / (samples.len().max(1) as f64)).sqrt() + 5.0) / covered
     })
-}
-
-/// Gives the patch a background where none is known: by colour, the plane through what is seen around the
-/// sweep; what strays from it counts as noise.
-fn continue_around(patch: &mut Patch, sweep: &Sweep, noise: &Noise) {
-    let (sin, cos) = sweep.angle.sin_cos();
-    let gap = 0.3 * margin(sweep.radius);
-    for samples in &mut patch.channels {
-        let n = samples.len();
-        let mut plane = [0.0_f32; 3];
-        let mut spread = 0.0_f32;
-        for round in 0..3 {
-            let (mut a, mut b) = ([[0.0_f64; 3]; 3], [0.0_f64; 3]);
-            let (mut left, mut weights) = (0.0_f64, 0.0_f64);
-            for i in 0..n {
-                let (x, y) = (samples.x[i], samples.y[i]);
-                if samples.inverse_sigma[i] <= 0.0 || near(sweep, [cos, sin], gap, x, y) {
-                    continue;
-                }
-                let seen = samples.seen[i];
-                let residual = seen - (plane[0] + plane[1] * x + plane[2] * y);
-                let weight = if round == 0 {
-                    1.0
-                } else {
-                    1.0 / (1.0 + f64::from(residual / (1.5 * spread.max(1.0))).powi(2))
-                };
-                left += weight * f64::from(residual).powi(2);
-                weights += weight;
-                let row = [1.0, f64::from(x), f64::from(y)];
-                for j in 0..3 {
-                    for k in 0..3 {
-                        a[j][k] += weight * row[j] * row[k];
-                    }
-                    b[j] += weight * row[j] * f64::from(seen);
-                }
-            }
-            if round > 0 {
-                spread = (left / weights.max(1.0)).sqrt() as f32;
-            }
-            // The slopes are tied to zero as strongly as three pixels at the patch's edge would.
-            let tie = 3.0 * f64::from(sweep.radius + gap).powi(2);
-            a[1][1] += tie;
-            a[2][2] += tie;
-            let mut inverse_times = nalgebra::Vector3::from(b);
-            let matrix = nalgebra::Matrix3::from_fn(|j, k| a[j][k]);
-            if let Some(solved) = matrix.cholesky() {
-                solved.solve_mut(&mut inverse_times);
-                plane = std::array::from_fn(|j| inverse_times[j] as f32);
-            }
-            if round == 0 {
-                spread = 20.0;
-            }
-        }
-        for i in 0..n {
-            if samples.inverse_sigma[i] <= 0.0 {
-                continue;
-            }
-            let seen = samples.seen[i];
-            let background = (plane[0] + plane[1] * samples.x[i] + plane[2] * samples.y[i]).clamp(0.0, 255.0);
-            samples.background[i] = background;
-            let sigma =
-                noise.sigma(seen.max(background)).hypot(spread) + MODEL_ERROR * (seen - background).abs();
-            samples.inverse_sigma[i] = 1.0 / sigma;
-        }
-    }
 }

@@ -5,7 +5,9 @@
 //! shaded disc in front of the background, and judged by what the fit leaves, by its colour in the scene's
 //! light, and by whether it moves. Where no background is known yet, colour marks the cells.
 
+mod appearance;
 mod background;
+mod behind;
 mod blobs;
 mod blur;
 mod candidate;
@@ -20,6 +22,7 @@ pub mod kernel;
 mod lanes;
 pub mod learn;
 pub mod live;
+mod look;
 mod measure;
 mod noise;
 mod options;

@@ -11,8 +11,9 @@ use super::{
     fit::Fit,
     grid::Grid,
     lanes::{LANES, Lanes as _, Plain, PlainLanes},
+    look::{Light, Look},
     patch::Rectifier,
-    sweep::{Coverer, Light, Sweep},
+    sweep::{Coverer, Sweep},
 };
 
 /// Stretches of the outline, alike in length: at least, at most, and how long one is, px.
@@ -155,7 +156,7 @@ fn gather(
     let columns = grid.range(centre[0] - half_width, centre[0] + half_width, view.width() & !1);
     let rows = grid.range(centre[1] - half_height, centre[1] + half_height, view.height() & !1);
     let step = 2 * (columns.len() * rows.len() / 4 / MOST_CELLS + 1);
-    let coverer = Coverer::<PlainLanes>::new(Plain, &sweep, light, CELL_PX);
+    let coverer = Coverer::<PlainLanes>::new(Plain, &sweep, &Look::lit_by(*light, CELL_PX), 0);
     let (sin, cos) = sweep.angle.sin_cos();
     let mut cells = Vec::with_capacity(columns.len() * rows.len() / (step * step) + LANES);
     let (mut xs, mut ys) = ([0.0_f32; LANES], [0.0_f32; LANES]);
@@ -178,9 +179,7 @@ fn gather(
     for y in rows.step_by(step) {
         for x in columns.clone().step_by(step) {
             let middle = |at: usize| 0.5 * (grid.place(at) + grid.place(at + 1));
-            let [u, v] = rectifier
-                .rectify_offset([middle(x) - rectifier.anchor[0], middle(y) - rectifier.anchor[1]])
-                .map(|p| p as f32);
+            let [u, v] = rectifier.rectify([middle(x), middle(y)]).map(|p| p as f32);
             let (dx, dy) = (u - sweep.centre[0], v - sweep.centre[1]);
             let (s, w) = (dx * cos + dy * sin, dy * cos - dx * sin);
             let beyond = (s.abs() - 0.5 * sweep.length).max(0.0);

@@ -1,6 +1,7 @@
 use super::{
     lanes::LANES,
-    sweep::{Light, Sweep},
+    look::{BOX_PX, Light, Look},
+    sweep::Sweep,
 };
 
 /// Colours of a patch: red, green, blue; grey frames have only the first.
@@ -10,23 +11,39 @@ pub const CHANNELS: usize = 3;
 /// hundredth of a pixel already.
 pub const MAX_SAMPLES: usize = 2400;
 
-/// The linear map between a neighbourhood of the image and coordinates in which the ball's outline is a
-/// circle: a sphere seen off the axis is an ellipse, on wide lenses by up to half again as long as wide.
+/// The map, to second order, between a neighbourhood of the image and coordinates in which the ball's outline is a
+/// circle: a sphere seen off the axis is nearly an ellipse, on wide lenses by up to half again as long as wide, and
+/// longer on its outer side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rectifier {
     /// The pixel that becomes the origin.
     pub anchor: [f64; 2],
     /// Rows of the matrix from pixel offsets to rectified ones; its determinant is 1.
     pub forward: [[f64; 2]; 2],
+    /// What is added to both rectified coordinates for x², x y and y² of the pixel offset.
+    pub bend: [[f64; 3]; 2],
+    /// What is added to both pixel offsets for x², x y and y² of the rectified one.
+    pub unbend: [[f64; 3]; 2],
+}
+
+fn second_order(terms: &[[f64; 3]; 2], [x, y]: [f64; 2]) -> [f64; 2] {
+    terms.map(|[xx, xy, yy]| x * (xx * x + xy * y) + yy * y * y)
 }
 
 impl Rectifier {
     /// Changes nothing but the origin.
     pub const fn plain(anchor: [f64; 2]) -> Self {
-        Self { anchor, forward: [[1.0, 0.0], [0.0, 1.0]] }
+        Self { anchor, forward: [[1.0, 0.0], [0.0, 1.0]], bend: [[0.0; 3]; 2], unbend: [[0.0; 3]; 2] }
     }
 
-    /// A pixel offset in the patch.
+    /// From the frame into the patch.
+    pub fn rectify(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let offset = [u - self.anchor[0], v - self.anchor[1]];
+        let ([x, y], [dx, dy]) = (self.rectify_offset(offset), second_order(&self.bend, offset));
+        [x + dx, y + dy]
+    }
+
+    /// A small pixel offset in the patch.
     pub fn rectify_offset(&self, offset: [f64; 2]) -> [f64; 2] {
         self.forward.map(|row| row[0] * offset[0] + row[1] * offset[1])
     }
@@ -38,15 +55,15 @@ impl Rectifier {
         [[d / determinant, -b / determinant], [-c / determinant, a / determinant]]
     }
 
-    /// A rectified offset in pixels.
+    /// A small rectified offset in pixels.
     pub fn offset_px(&self, offset: [f64; 2]) -> [f64; 2] {
         self.backward().map(|row| row[0] * offset[0] + row[1] * offset[1])
     }
 
     /// From the patch into the frame.
     pub fn pixel(&self, rectified: [f64; 2]) -> [f64; 2] {
-        let [x, y] = self.offset_px(rectified);
-        [self.anchor[0] + x, self.anchor[1] + y]
+        let ([x, y], [dx, dy]) = (self.offset_px(rectified), second_order(&self.unbend, rectified));
+        [self.anchor[0] + x + dx, self.anchor[1] + y + dy]
     }
 
     /// Half of the width and of the height, in pixels, of the image of a circle of `radius` in the patch.
@@ -101,8 +118,8 @@ pub struct Patch {
     pub decimation: usize,
     /// Samples without padding.
     pub count: usize,
-    /// Where light comes from.
-    pub light: Light,
+    /// How balls look there.
+    pub look: Look,
 }
 
 /// One pixel as the patch takes it.
@@ -127,7 +144,7 @@ impl Patch {
             channels: std::array::from_fn(|_| Samples::with_capacity(room)),
             decimation: 1,
             count: 0,
-            light: Light::default(),
+            look: Look::lit_by(Light::default(), BOX_PX),
         }
     }
 

@@ -6,14 +6,14 @@ use netcord_common::{
     geometry::{Camera, Point},
 };
 
-use super::{patch::Rectifier, sweep::Light};
+use super::{look::Light, patch::Rectifier};
 
 /// Step of the numeric derivative across the line of sight, rad: well above rounding, well below the
 /// angle over which the lens bends.
 const STEP_RAD: f64 = 5e-4;
 
-/// Points of the outline that its centre is taken from.
-const OUTLINE_POINTS: usize = 12;
+/// Step of the second derivatives: wider, for differences of differences.
+const WIDE_STEP_RAD: f64 = 5e-3;
 
 /// A line of sight and two directions across it.
 struct Sight {
@@ -54,6 +54,20 @@ impl Place {
         (light + a * f64::from(turn[0]) + b * f64::from(turn[1])).normalize()
     }
 
+    /// The image of the centre of a sphere whose outline in the patch has this centre and radius; none where the lens
+    /// model does not reach.
+    ///
+    /// The patch lies in a plane across the line of sight through its origin, where a sphere on that line shows a
+    /// circle about it. Of one beside it the outline is an ellipse, whose centre lies farther out by tan² of the angle
+    /// that the sphere subtends.
+    pub fn sphere_centre_px(&self, camera: &CameraModel, centre: [f64; 2], radius: f64) -> Option<[f64; 2]> {
+        let angle = self.angle_per_px?;
+        let out = 1.0 + (radius * angle).powi(2);
+        let [x, y] = centre.map(|c| c * angle / out);
+        let pixel = image(camera, &(self.axes[0] * x + self.axes[1] * y - self.axes[2]))?;
+        Some([pixel.x, pixel.y])
+    }
+
     fn light_vectors(&self, towards: &Vector3<f64>) -> [Vector3<f64>; 3] {
         // Any two directions across serve; these have no pole for light from above or from the side.
         let across = towards.cross(&self.axes[2]);
@@ -87,44 +101,36 @@ fn local_map(camera: &CameraModel, pixel: [f64; 2]) -> Option<Place> {
     let scale = determinant.sqrt();
     // scale × J⁻¹, J having the columns a and b.
     let forward = [[b.y / scale, -b.x / scale], [-a.y / scale, a.x / scale]];
+    // Second differences: of the direction across, the other, and both together.
+    let middle = image(camera, &sight.along)?;
+    let curvature = |across: Vector3<f64>| -> Option<Vector2<f64>> {
+        let step = across * WIDE_STEP_RAD;
+        let ends = image(camera, &(sight.along + step))? + image(camera, &(sight.along - step))?;
+        Some((ends - middle * 2.0) / (WIDE_STEP_RAD * scale).powi(2))
+    };
+    let [e, f] = sight.across;
+    let (ee, ff, both) = (curvature(e)?, curvature(f)?, curvature(e + f)?);
+    let ef = (both - ee - ff) * 0.5;
+    let unbend = [0, 1].map(|i| [0.5 * ee[i], ef[i], 0.5 * ff[i]]);
     Some(Place {
-        rectifier: Rectifier { anchor: pixel, forward },
+        rectifier: Rectifier { anchor: pixel, forward, bend: inverse_bend(&forward, &unbend), unbend },
         angle_per_px: Some(1.0 / scale),
-        axes: [sight.across[0], sight.across[1], -sight.along],
+        axes: [e, f, -sight.along],
     })
 }
 
-/// What must be added to the centre of a sphere's outline, at `pixel`, to give the image of the sphere's
-/// centre; `angle` is half the angle that the sphere subtends, rad.
-///
-/// The outline is the image of a cone about the line to the sphere's centre. Seen off the axis the far side
-/// of the cone is stretched more than the near one: the outline's centre lies further out.
-pub fn outline_to_centre(camera: &CameraModel, pixel: [f64; 2], angle: f64) -> Option<[f64; 2]> {
-    // The shift is a property of the centre, which the first round finds to a few per cent.
-    let first = shift_of(camera, pixel, angle)?;
-    shift_of(camera, [pixel[0] + first[0], pixel[1] + first[1]], angle)
-}
-
-fn shift_of(camera: &CameraModel, pixel: [f64; 2], angle: f64) -> Option<[f64; 2]> {
-    let sight = sight(camera, pixel)?;
-    let (sin, cos) = angle.sin_cos();
-    let middle = image(camera, &sight.along)?;
-    let mut rim = [Vector2::zeros(); OUTLINE_POINTS];
-    for (i, rim) in rim.iter_mut().enumerate() {
-        let (s, c) = (std::f64::consts::TAU * i as f64 / OUTLINE_POINTS as f64).sin_cos();
-        let direction = sight.along * cos + (sight.across[0] * c + sight.across[1] * s) * sin;
-        *rim = image(camera, &direction)? - middle;
-    }
-    // Centroid of the polygon: the mean of its corners would be drawn to where they lie close.
-    let (mut area, mut moment) = (0.0, Vector2::zeros());
-    for (i, a) in rim.iter().enumerate() {
-        let b = rim[(i + 1) % OUTLINE_POINTS];
-        let twice = a.x * b.y - a.y * b.x;
-        area += twice;
-        moment += (a + b) * twice;
-    }
-    let shift = -moment / (3.0 * area);
-    Some([shift.x, shift.y])
+/// The second order of the inverse of x + U(F x), F being `forward`, of which F is the first: −F U(F x).
+fn inverse_bend(forward: &[[f64; 2]; 2], unbend: &[[f64; 3]; 2]) -> [[f64; 3]; 2] {
+    let [[a, b], [c, d]] = *forward;
+    // U's terms of F x, in x², x y and y².
+    let terms = unbend.map(|[xx, xy, yy]| {
+        [
+            xx * a * a + xy * a * c + yy * c * c,
+            2.0 * xx * a * b + xy * (a * d + b * c) + 2.0 * yy * c * d,
+            xx * b * b + xy * b * d + yy * d * d,
+        ]
+    });
+    forward.map(|[p, q]| std::array::from_fn(|k| -(p * terms[0][k] + q * terms[1][k])))
 }
 
 #[cfg(test)]
@@ -132,6 +138,17 @@ mod tests {
     use netcord_common::camera::Distortion;
 
     use super::*;
+
+    /// How much larger a small area becomes by the map.
+    fn jacobian(map: &Rectifier, [u, v]: [f64; 2]) -> f64 {
+        let h = 1e-3;
+        let slope = |du: f64, dv: f64| {
+            let (ahead, behind) = (map.rectify([u + du, v + dv]), map.rectify([u - du, v - dv]));
+            [0, 1].map(|i| (ahead[i] - behind[i]) / (2.0 * h))
+        };
+        let ([a, c], [b, d]) = (slope(h, 0.0), slope(0.0, h));
+        a * d - b * c
+    }
 
     /// The outline found by rays: pixels whose line of sight meets the sphere.
     #[test]
@@ -157,15 +174,43 @@ mod tests {
             }
             let outline = sum / n;
             let angle = (radius / centre.norm()).asin();
-            let shift = outline_to_centre(&camera, [outline.x, outline.y], angle).expect("in view");
-            let corrected = outline + Vector2::new(shift[0], shift[1]);
-            // The nearest of these balls are 60 px and more across: their second order is left out.
-            assert!(
-                (corrected - truth).norm() < 0.05 + 0.1 * (outline - truth).norm(),
-                "{truth}: {outline} {corrected}"
-            );
             if x != 0.0 {
                 assert!((outline - truth).norm() > 0.1, "there is something to correct");
+            }
+            // Wherever the patch begins, its outline is a circle, and leads to the centre.
+            for start in [[0.0, 0.0], [4.0, -3.0]] {
+                let place = place(&camera, [truth.x + start[0], truth.y + start[1]]);
+                let (mut middle, mut count) = (Vector2::zeros(), 0.0);
+                let mut moments = [0.0; 3];
+                for i in 0..steps * steps {
+                    let offset = |k: i32| (f64::from(k) + 0.5) / f64::from(steps) * 2.0 * reach - reach;
+                    let pixel = truth + Vector2::new(offset(i % steps), offset(i / steps));
+                    let Some(ray) = camera.ray(&pixel) else { continue };
+                    if (centre - ray * ray.dot(&centre)).norm() < radius {
+                        let [x, y] = place.rectifier.rectify([pixel.x, pixel.y]);
+                        let area = jacobian(&place.rectifier, [pixel.x, pixel.y]);
+                        count += area;
+                        middle += Vector2::new(x, y) * area;
+                        moments[0] += x * x * area;
+                        moments[1] += x * y * area;
+                        moments[2] += y * y * area;
+                        let [u, v] = place.rectifier.pixel([x, y]);
+                        let back = (Vector2::new(u, v) - pixel).norm();
+                        assert!(
+                            back < 0.1 || (pixel - truth).norm() > 15.0,
+                            "off by {back} px there and back"
+                        );
+                    }
+                }
+                middle /= count;
+                let [xx, xy, yy] = moments.map(|m| m / count);
+                let (xx, xy, yy) =
+                    (xx - middle.x * middle.x, xy - middle.x * middle.y, yy - middle.y * middle.y);
+                assert!((xx / yy - 1.0).abs() < 0.02 && (xy / yy).abs() < 0.02, "round: {xx} {xy} {yy}");
+                let radius = 2.0 * (0.5 * (xx + yy)).sqrt();
+                let found = place.sphere_centre_px(&camera, [middle.x, middle.y], radius).expect("in view");
+                let off = (Vector2::from(found) - truth).norm();
+                assert!(off < 0.02, "{truth} from {start:?}: off by {off} px");
             }
             let place = place(&camera, [truth.x, truth.y]);
             let (map, per_px) = (place.rectifier, place.angle_per_px.expect("in view"));
@@ -173,8 +218,8 @@ mod tests {
             let found = n * (2.0 * reach / f64::from(steps)).powi(2);
             assert!((area / found - 1.0).abs() < 0.02, "{area} {found}");
             let [u, v] = map.pixel([3.0, -2.0]);
-            let back = map.rectify_offset([u - map.anchor[0], v - map.anchor[1]]);
-            assert_eq!(back.map(|v| (v * 1e9).round()), [3e9, -2e9]);
+            let back = map.rectify([u, v]);
+            assert!((back[0] - 3.0).abs() < 1e-3 && (back[1] + 2.0).abs() < 1e-3, "{back:?}");
         }
     }
 }

@@ -1,14 +1,13 @@
 //! The image of a ball that moves during the exposure: a disc swept along a short straight path.
 
-use super::lanes::Lanes;
+use super::{
+    lanes::Lanes,
+    look::{Look, TERMS, turned},
+};
 
 /// Shortest path that the formulas are evaluated for, px: a path this short shifts no edge by more than
 /// its own 1/24th of a square, and a shorter one loses digits.
 pub const MIN_LENGTH_PX: f32 = 0.25;
-
-/// Width of the box that stands for the pixel together with the blur of an ordinary lens in focus (σ of about
-/// 0.3 px), px.
-pub const BOX_PX: f32 = 1.4;
 
 /// A swept disc in the rectified coordinates of a patch, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,13 +41,14 @@ pub struct Coverage<L> {
     pub alpha: L,
     /// ∂alpha by: centre along the path, centre across it, radius, length, angle.
     pub slopes: [L; 5],
-    /// What the ball's shading is made of, as means over the time of cover: 1; the place on the ball along
-    /// and across the path, in units of the radius; the share of the main light that the surface there
-    /// catches; and how that share grows as the light turns to either side.
+    /// What the ball's shading is made of, as means over the time of cover: light from all around; the place on
+    /// the ball along and across the path, in units of the radius; the share of the main light that the surface
+    /// there catches; and how that share grows as the light turns to either side. Light from all around, and the
+    /// mean of the main one over the ball, bring their share of the diffuse light.
     pub place: [L; 6],
 }
 
-/// Evaluates [`Coverage`] for one sweep.
+/// Evaluates [`Coverage`] for one sweep and colour.
 #[derive(Debug, Clone, Copy)]
 pub struct Coverer<L: Lanes> {
     level: L::Level,
@@ -68,19 +68,24 @@ pub struct Coverer<L: Lanes> {
     inverse_length: L,
     /// The light's vectors, along the path, across it, and towards the camera.
     light: [[L; 3]; 3],
+    /// The diffuse light, on the same axes.
+    diffuse: [L; TERMS],
 }
 
-/// The direction of the main light and two directions across it, all of unit length: on x and y of the
-/// patch, and towards the camera.
-pub type Light = [[f32; 3]; 3];
-
 /// Gauss–Legendre nodes and weights over the width of a pixel.
-const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
+const NODES: [(f32, f32); 5] = [
+    (-0.453_09, 0.118_463),
+    (-0.269_235, 0.239_314),
+    (0.0, 0.284_444),
+    (0.269_235, 0.239_314),
+    (0.453_09, 0.118_463),
+];
 
 impl<L: Lanes> Coverer<L> {
     #[inline(always)]
-    pub fn new(level: L::Level, sweep: &Sweep, light: &Light, box_px: f32) -> Self {
+    pub fn new(level: L::Level, sweep: &Sweep, look: &Look, channel: usize) -> Self {
         let all = |value| L::all(level, value);
+        let box_px = look.box_px;
         let length = sweep.length.max(MIN_LENGTH_PX);
         let (sin, cos) = sweep.angle.sin_cos();
         Self {
@@ -96,7 +101,9 @@ impl<L: Lanes> Coverer<L> {
             inverse_box: all(1.0 / box_px),
             ramps: [all(0.5 * (length + box_px)), all(0.5 * (length - box_px))],
             inverse_length: all(1.0 / length),
-            light: light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(all)),
+            light: look.light.map(|[x, y, z]| [x * cos + y * sin, y * cos - x * sin, z].map(all)),
+            diffuse: turned(&look.diffuse[channel], &[[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+                .map(all),
         }
     }
 
@@ -183,22 +190,30 @@ impl<L: Lanes> Coverer<L> {
         // Two Gauss nodes over that part.
         let spread = extent * self.all(0.288_675_13);
         let rest = self.all(1.0) - across * across;
-        let mut caught = [zero; 3];
+        let half = self.all(0.5);
+        let (mut caught, mut diffuse) = ([zero; 3], zero);
         for along in [middle - spread, middle + spread] {
             let towards = (rest - along * along).positive().sqrt();
             let towards_of = |[x, w, z]: [L; 3]| along * x + across * w + towards * z;
             let cosine = towards_of(self.light[0]);
-            let half = self.all(0.5);
             caught[0] = caught[0] + half * cosine.positive();
             for i in 1..3 {
                 caught[i] = caught[i] + half * towards_of(self.light[i]).where_positive(cosine);
             }
+            let [x, y, z, xx, xy, xz, yy, yz, zz] = self.diffuse;
+            let by_along = xx.times_plus(along, xy.times_plus(across, xz.times_plus(towards, x)));
+            let by_across = yy.times_plus(across, yz.times_plus(towards, y));
+            let by_towards = zz.times_plus(towards, z);
+            let sum = by_along * along + by_across * across + by_towards * towards;
+            diffuse = half.times_plus(sum, diffuse);
         }
         let [a, b, c] = caught;
+        // A lamp lights one half of all directions.
+        let (around, a) = (self.all(1.0) + diffuse, half.times_plus(diffuse, a));
         Coverage {
             alpha,
             slopes: [zero - by_s, zero - by_w, by_r, by_l, by_s * w - by_w * s],
-            place: [self.all(1.0), middle, across, a, b, c],
+            place: [around, middle, across, a, b, c],
         }
     }
 }
@@ -206,13 +221,16 @@ impl<L: Lanes> Coverer<L> {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::lanes::{Plain, PlainLanes},
+        super::{
+            lanes::{Plain, PlainLanes},
+            look::Light,
+        },
         *,
     };
 
     fn at(sweep: &Sweep, x: f32, y: f32) -> Coverage<PlainLanes> {
         let [x, y] = [x, y].map(|place| PlainLanes::all(Plain, place));
-        Coverer::new(Plain, sweep, &Light::default(), 1.0).at(x, y)
+        Coverer::new(Plain, sweep, &Look::lit_by(Light::default(), 1.0), 0).at(x, y)
     }
 
     fn alpha(sweep: &Sweep, x: f32, y: f32) -> f32 {

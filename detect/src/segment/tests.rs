@@ -274,3 +274,15 @@ fn a_ball_before_a_limb_that_moves_is_found_where_it_is_expected() {
 fn a_ball_before_a_limb_that_moves_is_found_anywhere() {
     find_before_a_limb(false);
 }
+
+#[test]
+fn the_light_of_a_second_lamp_is_learnt_from_balls() {
+    let style = Style { lamp: [90.0; 3], ambient: [25.0; 3], side: 110.0, ..Style::clean() };
+    let report = run(&style, BallColour::Orange, 3, 160, (16.0, 26.0), 4.0);
+    assert_eq!(report.missed, 0);
+    let rms = |errors: &[[f64; 2]]| {
+        (errors.iter().map(|e| e[0] * e[0] + e[1] * e[1]).sum::<f64>() / errors.len() as f64).sqrt()
+    };
+    // As a distance; without learning it stays at 0.15 px.
+    assert!(rms(&report.errors[80..]) < 0.06, "{}", report.line());
+}

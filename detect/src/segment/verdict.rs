@@ -6,7 +6,7 @@ use super::{
     fit::Fit,
     lanes::{LANES, Lanes, Plain, PlainLanes},
     patch::{CHANNELS, Patch},
-    sweep::{BOX_PX, Coverer},
+    sweep::Coverer,
 };
 
 /// How well the pixels of a patch agree with what was fitted to them.
@@ -64,7 +64,6 @@ unsafe fn verdict_avx2(level: Avx2, patch: &Patch, fit: &Fit) -> Verdict {
 #[inline(always)]
 fn verdict_body<L: Lanes>(level: L::Level, patch: &Patch, fit: &Fit) -> Verdict {
     let all = |value| L::all(level, value);
-    let coverer = Coverer::new(level, &fit.sweep, &patch.light, BOX_PX);
     // The share of the exposure for which the ball covers its path's middle.
     let peak = (2.0 * fit.sweep.radius / fit.sweep.length.max(1e-3)).min(1.0);
     let zero = all(0.0);
@@ -74,6 +73,7 @@ fn verdict_body<L: Lanes>(level: L::Level, patch: &Patch, fit: &Fit) -> Verdict 
     let [mut left, mut changed, mut signal] = [zero; 3];
     let [mut inside, mut hidden, mut outside, mut clutter, mut saturated] = [zero; 5];
     for (channel, samples) in patch.channels.iter().enumerate() {
+        let coverer = Coverer::new(level, &fit.sweep, &patch.look, channel);
         let terms = fit.shading[channel].map(all);
         let [mut own, mut behind, mut covered, mut around, mut beside] = [zero; 5];
         for at in (0..samples.len()).step_by(LANES) {

@@ -26,6 +26,8 @@ pub struct Style {
     /// Light that falls from above, by colour, and from all around; DN for a white surface.
     pub lamp: [f32; 3],
     pub ambient: [f32; 3],
+    /// A second lamp, low at one side, that shines on the ball only; DN for a white surface.
+    pub side: f32,
     /// DN² and DN per DN.
     pub read_noise2: f32,
     pub shot_noise: f32,
@@ -55,6 +57,7 @@ impl Style {
             ball: [0.9, 0.45, 0.12],
             lamp: [130.0; 3],
             ambient: [60.0; 3],
+            side: 0.0,
             read_noise2: 0.3,
             shot_noise: 0.0,
             flicker: (0.0, 0.0),
@@ -82,6 +85,7 @@ impl Style {
             ball: [0.9, 0.9, 0.88],
             lamp: [70.0, 55.0, 30.0],
             ambient: [14.0, 11.0, 7.0],
+            side: 0.0,
             read_noise2: 3.0,
             shot_noise: 0.08,
             flicker: (0.0, 0.0),
@@ -247,6 +251,8 @@ impl Stage {
         // The lamp hangs not quite over the table.
         let up =
             self.rig.cameras[0].camera_from_world.rotation * Vector3::new(0.25, -0.3, 1.0_f64).normalize();
+        let aside =
+            self.rig.cameras[0].camera_from_world.rotation * Vector3::new(-0.9, -0.3, 0.3_f64).normalize();
         for y in low.y..y_end {
             for x in low.x..x_end {
                 let here = Vector2::new(x as f64, y as f64);
@@ -274,13 +280,14 @@ impl Stage {
                         let hit = ray * (along - (RADIUS_M * RADIUS_M - miss2).sqrt());
                         let normal = (hit - centre) / RADIUS_M;
                         let direct = normal.dot(&up).max(0.0) as f32;
+                        let side = self.style.side * normal.dot(&aside).max(0.0) as f32;
                         let weight = 1.0 / (SUB * SUB * n) as f32;
                         covered += weight;
                         for c in 0..3 {
                             sum[c] += weight
                                 * light
                                 * reflectance[c]
-                                * (self.style.lamp[c] * direct + self.style.ambient[c]);
+                                * (self.style.lamp[c] * direct + side + self.style.ambient[c]);
                         }
                     }
                 }

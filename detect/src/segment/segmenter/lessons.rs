@@ -6,7 +6,12 @@ use netcord_common::{
 };
 
 use super::{
-    super::{background::PixelBox, score::is_gone},
+    super::{
+        appearance::Appearance,
+        background::PixelBox,
+        measure::{Behind, Scene},
+        score::is_gone,
+    },
     Found, Segmenter,
 };
 
@@ -39,7 +44,17 @@ impl Segmenter {
         if let Some(ball) = self.example(window) {
             self.colour.learn(ball.measured.verdict.levels);
             // Lamps hang here and there: a running mean over about ten balls.
-            self.towards_light = (self.towards_light * 0.9 + ball.measured.light * 0.1).normalize();
+            let light = &mut self.appearance.towards_light;
+            *light = (*light * 0.9 + ball.measured.light * 0.1).normalize();
+            if self.appearance.is_due(self.background.frames()) {
+                let scene = Scene {
+                    view,
+                    grid: self.grid,
+                    behind: Behind::Learnt(&self.background),
+                    most_px: self.ball.most_px,
+                };
+                scene.teach(&mut self.patch, &ball.measured, &mut self.appearance);
+            }
         }
         self.background.learn(view, &self.kept);
     }
@@ -63,7 +78,7 @@ impl Segmenter {
         if followed && !self.has_followed {
             self.has_followed = true;
             self.colour.unlearn();
-            self.towards_light = self.up;
+            self.appearance = Appearance::new(self.up);
         }
         Some(best)
     }

@@ -17,6 +17,7 @@ use self::{
     frame::{MAX_FITS, MAX_FITS_ALONE},
 };
 use super::{
+    appearance::Appearance,
     background::{Background, PixelBox},
     blobs::{BlobFinder, MAX_BLOBS},
     blur::BlurLimit,
@@ -49,8 +50,8 @@ pub struct Segmenter {
     ball: BallSize,
     /// The vertical, in the camera's frame.
     up: Vector3<f64>,
-    /// Direction of the main light, in the camera's frame: at first the vertical, then as balls show it.
-    towards_light: Vector3<f64>,
+    /// What balls have in common: at first the main light comes from above.
+    appearance: Appearance,
     /// Whether a ball has been found where its flight was expected.
     has_followed: bool,
     format: PixelFormat,
@@ -116,7 +117,7 @@ impl Segmenter {
             index: camera.index.code(),
             camera: camera.model,
             up,
-            towards_light: up,
+            appearance: Appearance::new(up),
             has_followed: false,
             format: camera.pixel_format,
             options,

@@ -177,7 +177,7 @@ impl Segmenter {
             Backdrop::Around => Behind::Around(self.background.noise()),
         };
         let scene = Scene { view, grid: self.grid, behind, most_px: self.ball.most_px };
-        let glanced = scene.glance(&mut self.patch, start, prior, &self.towards_light)?;
+        let glanced = scene.glance(&mut self.patch, start, prior, &self.appearance)?;
         let likeness = self.likeness(&glanced);
         let glanced_score = score(&glanced, likeness, &self.ball);
         if glanced_score < LEAST_SCORE {
