@@ -84,6 +84,10 @@ const SHADOW: (f32, f32) = (0.3, 1.0);
 /// Darkens the background where a shadow lies on all of what is around a candidate: a ball that is about to touch the
 /// table throws one on it. A shadow darkens all colours alike, by a share that changes evenly from place to place.
 pub fn darken_by_shadow(patch: &mut Patch, sweep: &Sweep) {
+    // What is beside a piece of a streak may be the rest of the streak.
+    if sweep.length > sweep.radius {
+        return;
+    }
     let (sin, cos) = sweep.angle.sin_cos();
     let gap = 0.4 * margin(sweep.radius);
     let beside = |x: f32, y: f32| !near(sweep, [cos, sin], gap, x, y);

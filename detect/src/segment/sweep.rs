@@ -73,13 +73,7 @@ pub struct Coverer<L: Lanes> {
 }
 
 /// Gauss–Legendre nodes and weights over the width of a pixel.
-const NODES: [(f32, f32); 5] = [
-    (-0.453_09, 0.118_463),
-    (-0.269_235, 0.239_314),
-    (0.0, 0.284_444),
-    (0.269_235, 0.239_314),
-    (0.453_09, 0.118_463),
-];
+const NODES: [(f32, f32); 3] = [(-0.387_298_35, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_35, 5.0 / 18.0)];
 
 impl<L: Lanes> Coverer<L> {
     #[inline(always)]
