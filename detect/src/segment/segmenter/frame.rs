@@ -42,8 +42,9 @@ const OTHER_SCENE: f64 = 0.35;
 const CROWD_CELLS: u32 = 60;
 
 impl Segmenter {
-    /// Looks for what moves, in the whole frame; `expected`: the ball has been found where it was expected.
-    pub(super) fn search_frame(&mut self, view: &FrameView<'_>, expected: bool) {
+    /// Looks for what moves, in the whole frame; `expected`: the ball has been found where it was expected; `sought`: it
+    /// was expected somewhere.
+    pub(super) fn search_frame(&mut self, view: &FrameView<'_>, expected: bool, sought: bool) {
         if let Some(mut singles) = self.singles.take() {
             self.search_single(view, &mut singles);
             self.singles = Some(singles);
@@ -71,7 +72,8 @@ impl Segmenter {
         self.measure_starts(view, Backdrop::Learnt, &Prior::default(), MAX_FITS, 0.0);
         if !known {
             self.search_by_colour(view, None, &Prior::default());
-        } else if self.crowded() {
+        } else if (sought || !self.has_ball_in_flight()) && self.crowded() {
+            // What flies elsewhere than the ball should may be a hand.
             self.search_by_colour(view, Some((0..view.width(), 0..height)), &Prior::default());
         }
     }

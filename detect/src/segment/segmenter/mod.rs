@@ -222,7 +222,7 @@ impl Segmenter {
             }
         }
         let expected = window.is_some_and(|window| self.has_expected(window));
-        self.search_frame(view, expected);
+        self.search_frame(view, expected, window.is_some());
         self.send(header, Scope::Full, emit);
         self.after(view, window);
     }
