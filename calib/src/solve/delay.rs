@@ -4,7 +4,8 @@ use nalgebra::{Vector2, Vector3};
 use netcord_common::geometry::{Camera, Point, Transform, World};
 
 use super::{
-    motion::{LEAST_COMMON, MovingPoints, median, undistorted},
+    motion::{LEAST_COMMON, median, undistorted},
+    moving_points::MovingPoints,
     resection::{polish, resect},
 };
 

@@ -12,7 +12,9 @@ mod looks;
 mod loss;
 mod mono;
 mod motion;
+mod moving_points;
 mod pose;
+mod rejection;
 mod report;
 mod resection;
 mod rig;
@@ -33,12 +35,12 @@ pub use homography::{apply as apply_homography, homography};
 pub use looks::{looks_around, on_time};
 pub use loss::Loss;
 pub use mono::{INTRINSIC_NAMES, MonoCalibration, MonoOptions, Outlier, ViewFit, calibrate_mono};
-pub use motion::{
-    Inconsistent, MotionCalibration, MotionMember, MotionOptions, MovingPoints, calibrate_motion,
-};
+pub use motion::{Inconsistent, MotionCalibration, MotionMember, MotionOptions, calibrate_motion};
+pub use moving_points::MovingPoints;
 pub use pose::{FittedPose, board_pose};
+pub use rejection::RejectedView;
 pub use report::{CameraReport, OutlierReport, RejectedReport, Report, Uncertain, ViewReport, coverage};
-pub use rig::{RejectedView, RigCalibration, RigMember, RigOptions, RigViewFit, calibrate_rig};
+pub use rig::{RigCalibration, RigMember, RigOptions, RigViewFit, calibrate_rig};
 pub use strays::Stray;
 pub use uncertainty::ProjectionUncertainty;
 pub use validate::{CrossValidation, MORE_FRAMES_RATIO, cross_validate};

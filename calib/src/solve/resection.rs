@@ -8,7 +8,8 @@ use rand_pcg::Pcg64Mcg;
 use super::{
     bundle::{Bundle, BundleCamera, Freedom, Sighting, SolveOptions},
     loss::Loss,
-    motion::{LEAST_COMMON, MovingPoints, OUTLIER_PX},
+    motion::{LEAST_COMMON, OUTLIER_PX},
+    moving_points::MovingPoints,
 };
 
 /// The point of least summed squared distance to the rays; `None` when it lies behind one of them, or the
