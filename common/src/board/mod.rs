@@ -2,7 +2,10 @@
 //! the synthetic scene shows them.
 
 mod definition;
+mod description;
 mod dictionary;
+mod surface;
 
-pub use definition::{BoardError, CalibrationBoard, Pattern, PlacedMarker};
+pub use definition::{CalibrationBoard, Pattern, PlacedMarker};
+pub use description::BoardError;
 pub use dictionary::{Dictionary, DictionaryError, Reading};

@@ -14,6 +14,7 @@ mod flight;
 mod learnt;
 mod process;
 mod resolve;
+mod system;
 mod wiring;
 
 pub use ball::{Ball, BallColour};
@@ -23,5 +24,5 @@ pub use error::RigError;
 pub use flight::{FlightConstants, HittingPlane};
 pub use learnt::{ColourKind, ColourTest, LearningNote, LearntColour, MAX_COLOUR_TESTS};
 pub use process::{ProcessSpec, Restart};
-pub use resolve::Rig;
+pub use system::Rig;
 pub use wiring::{StampMeaning, TriggerEdge, Wiring};
