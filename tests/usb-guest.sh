@@ -26,15 +26,13 @@ for tool in apt-get apt-cache dpkg-deb python3 timeout cargo strip ldd "${CC:-cc
 done
 
 # ---- what is needed of Debian, unpacked outside the repository ----------------------------------------
-kernel=$(apt-cache depends linux-image-amd64 2>/dev/null | awk '/Depends: linux-image/{print $2; exit}')
-if [ -z "$kernel" ]; then
-    apt-get -o DPkg::Lock::Timeout=300 update -qq || fail "apt-get update"
-    kernel=$(apt-cache depends linux-image-amd64 | awk '/Depends: linux-image/{print $2; exit}')
-fi
-[ -n "$kernel" ] || fail "no package linux-image-amd64"
+update() { apt-get -o DPkg::Lock::Timeout=300 update -qq || fail "apt-get update"; }
 version() { apt-cache policy "$1" | awk '/Candidate:/{print $2}'; }
-key="$kernel $(version "$kernel") qemu $(version qemu-system-x86) aravis $(version aravis-tools-cli)"
-if [ "$(cat "$cache/key" 2>/dev/null)" != "$key" ]; then
+choose() {
+    kernel=$(apt-cache depends linux-image-amd64 2>/dev/null | awk '/Depends: linux-image/{print $2; exit}')
+    key="$kernel $(version "$kernel") qemu $(version qemu-system-x86) aravis $(version aravis-tools-cli)"
+}
+fetch() {
     echo "fetching and unpacking: $key"
     rm -rf "$cache/debs" "$cache/tree" "$cache/vmlinux"
     mkdir -p "$cache/debs" "$cache/tree"
@@ -44,8 +42,17 @@ if [ "$(cat "$cache/key" 2>/dev/null)" != "$key" ]; then
         awk '/^Inst/{print $2}')
     # shellcheck disable=SC2086
     (cd "$cache/debs" && apt-get download -qq $(printf '%s\n' $names $guest qemu-system-x86 busybox-static usbip \
-        usbutils aravis-tools aravis-tools-cli libaravis-0.8-0 libusb-1.0-0 cpio kmod "$kernel" | sort -u)) ||
-        fail "packages cannot be downloaded"
+        usbutils aravis-tools aravis-tools-cli libaravis-0.8-0 libusb-1.0-0 cpio kmod "$kernel" | sort -u))
+}
+choose
+if [ -z "$kernel" ]; then
+    update
+    choose
+fi
+[ -n "$kernel" ] || fail "no package linux-image-amd64"
+if [ "$(cat "$cache/key" 2>/dev/null)" != "$key" ]; then
+    # Lists that are a few days old name packages that an update has replaced.
+    fetch || { update; choose; fetch; } || fail "packages cannot be downloaded"
     for deb in "$cache"/debs/*.deb; do dpkg-deb -x "$deb" "$cache/tree"; done
     rm -rf "$cache/debs"
     # QEMU starts an uncompressed kernel by its PVH note, and is spared its slow decompression.
