@@ -246,3 +246,34 @@ fn products_body<L: Lanes>(level: L::Level, patch: &Patch, place: &Place, fit: &
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{patch::Rectifier, sweep::Sweep},
+        *,
+    };
+
+    #[test]
+    fn vectors_give_the_products_of_plain_rust() {
+        let (sin, cos) = 0.6_f64.sin_cos();
+        let place = Place {
+            rectifier: Rectifier::plain([0.0; 2]),
+            angle_per_px: None,
+            axes: [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0), -Vector3::z()],
+        };
+        for seed in 0..10 {
+            let patch = Patch::of_noise(seed);
+            let fit = Fit {
+                sweep: Sweep { centre: [0.3, -1.2], radius: 7.0, length: seed as f32, angle: 0.4 },
+                shading: [[90.0, 4.0, -3.0, 60.0, 5.0, -8.0]; CHANNELS],
+                covariance: [[0.0; OUTLINE]; OUTLINE],
+                chi2: 1.0,
+            };
+            let mut plain = [[[0.0; COLUMNS]; COLUMNS]; CHANNELS];
+            products_body::<PlainLanes>(Plain, &patch, &place, &fit, &mut plain);
+            assert!(plain[1][BLUR][BLUR] > 0.0 && plain[2][DIFFUSE][DIFFUSE] > 0.0);
+            assert_eq!(products(&patch, &place, &fit), plain);
+        }
+    }
+}
