@@ -58,6 +58,11 @@ pub fn colour(rows: [&[u8]; 2], gate: &ColourGate, words: &mut [u16], first_word
             let cell = bits.trailing_zeros() as usize;
             bits &= bits - 1;
             let x = word_index * WORD_PX + 2 * cell;
+            // The last word of a row may reach beyond its end, where there is nothing of any colour.
+            if x >= width {
+                *word &= !(1 << cell);
+                continue;
+            }
             let right = (x + 1).min(width - 1);
             if !gate.passes([rows[0][x], rows[0][right], rows[1][x], rows[1][right]]) {
                 *word &= !(1 << cell);
