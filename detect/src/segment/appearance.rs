@@ -42,7 +42,7 @@ const BLUR_PX: (f32, f32) = (1.0, 4.0);
 /// Share of what is known that a new ball replaces: about 200 balls are remembered.
 const FORGOTTEN: f64 = 0.005;
 /// Weight of a ball's pixels in what is learnt from it: the errors of neighbours are alike.
-const TRUST: f64 = 0.05;
+const TRUST: f64 = 0.02;
 
 /// Spread of the slopes of a ball's light where that of balls before it is known, and balls until then.
 const KNOWN_SLOPES: f64 = 0.07;
